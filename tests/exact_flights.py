@@ -117,7 +117,7 @@ def compare(recordings: Sequence[Recording], aircraft: Aircraft = AIRCRAFT) -> l
     assert simulation.evaluate is not None
     simulated = [simulation.evaluate(r) for r in recordings]
     # Exact recordings have nothing to smooth, and the smoother would take most of the time.
-    with patch("structsel.comparison.flight.smooth_spline", side_effect=DataError("exact")):
+    with patch("structsel.comparison.inertial_air_data.smooth_spline", side_effect=DataError("exact")):
         flights = [prepare_flight(r, aircraft, s) for r, s in zip(recordings, simulated)]
     stand_in = identify(flights, [f.simulated for f in flights], COEFFICIENTS)
     return [replace(f, surrogate=stand_in) for f in flights]

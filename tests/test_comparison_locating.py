@@ -13,7 +13,7 @@ from structsel.comparison.locating.character import characterise
 from structsel.comparison.locating.coherence import coherences
 from structsel.comparison.locating.region import bounds_of, find_region
 from structsel.comparison.locating.turbulence import find_turbulence
-from structsel.comparison.locating.windows import acting, find_intervals, stretches
+from structsel.comparison.locating.windows import acting, find_intervals, segments_of
 from structsel.comparison.noise import Noise, bins_of, edge_of
 from structsel.demo.aircraft import demo_aircraft
 from structsel.numerics.atmosphere import dryden_gusts
@@ -74,9 +74,9 @@ def noise_only(ch, rng, k):
 def test_short_pauses_are_closed_and_blips_left_out():
     t = np.arange(0.0, 10.0, 0.1)
     on = ((t > 0.95) & (t < 2.0)) | ((t > 2.45) & (t < 4.05)) | ((t > 6.95) & (t < 7.15))
-    (only,) = stretches(t, on)
+    (only,) = segments_of(t, on)
     assert_allclose(only, (1.0, 4.0), atol=1e-9)
-    assert stretches(t, np.zeros(len(t), dtype=bool)) == []
+    assert segments_of(t, np.zeros(len(t), dtype=bool)) == []
 
 
 def test_an_effect_acts_where_it_is_above_a_fraction_of_its_maximum():
@@ -239,7 +239,7 @@ def test_coherence_names_the_input_that_drives_and_by_how_much():
     found = coherences(flights, [f.difference for f in flights], ("Cm", "CZ"))
     assert (found[0].response, found[0].channel) == ("Cm", "de")
     # Two processes of one spectrum and one size: half of the power.
-    assert_allclose(found[0].share, 0.5, atol=0.12)
+    assert_allclose(found[0].fraction, 0.5, atol=0.12)
     assert_allclose(found[0].delay, 5 * DT, atol=0.04)
     assert sum(x.significant for x in found if (x.response, x.channel) != ("Cm", "de")) <= 1
 

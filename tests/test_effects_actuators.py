@@ -58,7 +58,7 @@ def test_limits_and_play_are_found_to_the_next_value_tried(effect, control, actu
     assert found.variant.about == about
     assert found.explained > 0.95
     assert_allclose(found.variant.shape[name], value, rtol=0.3)
-    assert 0.5 < found.values["share"] < 1.5
+    assert 0.5 < found.values["fraction"] < 1.5
 
 
 def test_rates_far_below_that_of_a_step_are_tried():

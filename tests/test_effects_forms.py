@@ -57,10 +57,10 @@ def test_part_of_an_effect_is_the_effect(effect, more, about, values):
     [
         ("sensor-position", "alpha", lambda r: -1.0 * r["q"] / r["V"], "the angle of attack vane, along body x", 1.0),
         ("sensor-position", "beta", lambda r: 1.0 * r["r"] / r["V"], "the sideslip vane, along body x", 1.0),
-        ("sensor-misalignment", "r", lambda r: 0.03 * r["p"], "the yaw gyro (r) alone, by a share of p", 0.03),
+        ("sensor-misalignment", "r", lambda r: 0.03 * r["p"], "the yaw gyro (r) alone, by a fraction of p", 0.03),
         (
             "sensor-misalignment", "ax", lambda r: 0.02 * r["az"],
-            "the longitudinal accelerometer (ax) alone, by a share of az", 0.02,
+            "the longitudinal accelerometer (ax) alone, by a fraction of az", 0.02,
         ),
     ],
 )  # fmt: skip

@@ -19,7 +19,7 @@ def test_a_heavier_aircraft_is_found_with_its_mass():
     found = best(compare(fly(aircraft=aircraft(mass=2288.0 * 1.1))), effect_named("mass-error"))
     assert found.variant.about == "in all manoeuvres"
     assert found.explained > 0.98
-    assert_allclose(found.values["share"], 0.1, rtol=0.02)
+    assert_allclose(found.values["fraction"], 0.1, rtol=0.02)
 
 
 @pytest.mark.parametrize(("axis", "shift"), [(0, 0.08), (1, 0.15), (2, 0.1)])
@@ -63,7 +63,7 @@ def test_fuel_that_swings_sideways_is_found_at_its_frequency():
     assert found.variant.about == "sideways"
     assert found.explained > 0.75
     assert_allclose(found.variant.shape["frequency"], 0.6, rtol=0.15)
-    assert_allclose(found.values["share of the mass"], mass_fraction, rtol=0.35)
+    assert_allclose(found.values["fraction of the mass"], mass_fraction, rtol=0.35)
 
 
 @pytest.mark.parametrize("effect", ["mass-error", "cg-shift"])

@@ -107,8 +107,8 @@ def test_lift_that_builds_up_is_stated_by_its_kind_whatever_the_axial_force_does
     variants = {v.about: v for v in effect_named("unsteady-lift").variants(made)}
     found = explain(made, variants["indicial lift of aspect ratio 3"])
     assert found.explained > 0.95
-    assert_allclose(found.values["share"], 1.0, rtol=0.08)
-    assert_allclose(found.values["share of the axial force"], axial, atol=0.1)
+    assert_allclose(found.values["fraction"], 1.0, rtol=0.08)
+    assert_allclose(found.values["fraction of the axial force"], axial, atol=0.1)
 
 
 def test_a_rotor_that_follows_all_controls_delayed_is_found_with_its_lag():

@@ -158,7 +158,7 @@ def test_an_output_that_overflows_is_found_at_its_limit():
     found = best(flights, effect_named("saturation"))
     assert found.explained > 0.99
     assert_allclose(found.variant.shape["limit"], limit, rtol=1e-6)
-    assert_allclose(found.values["share"], 1.0, rtol=1e-6)
+    assert_allclose(found.values["fraction"], 1.0, rtol=1e-6)
 
 
 def test_the_linear_plant_is_found_from_its_input_and_output():

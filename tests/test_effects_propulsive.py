@@ -50,7 +50,7 @@ def test_more_thrust_than_stated_is_found_as_a_fraction():
     found = best(compare(fly(true_inputs={"thrust": lambda T: 1.1 * T})), effect_named("thrust-scale"))
     assert found.variant.about == "all of it"
     assert found.explained > 0.98
-    assert_allclose(found.values["share"], 0.1, rtol=0.02)
+    assert_allclose(found.values["fraction"], 0.1, rtol=0.02)
 
 
 def test_thrust_that_comes_delayed_is_found_with_its_lag():

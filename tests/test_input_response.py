@@ -9,7 +9,7 @@ import pytest
 from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.driving import driven
-from structsel.comparison.locating.turbulence import unfelt
+from structsel.comparison.locating.turbulence import turbulence_without_vanes
 from structsel.diagnosis.driven import InputDrivenMotion
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.tracing import residuals
@@ -79,7 +79,7 @@ def test_an_effect_that_gusts_resemble_is_not_confirmed_by_the_response_to_the_i
     assert max(map(nats, scores)) < 10.0
     assert max(map(alone, scores)) < 10.0
     assert max(s.whole for s in scores) == 0.0  # gusts are others in each manoeuvre
-    air = unfelt(problem.flights, residuals(problem), not_borne_out(scores))
+    air = turbulence_without_vanes(problem.flights, residuals(problem), not_borne_out(scores))
     size = np.std(np.concatenate(blown()[1]))
     assert air.sigma["w"] == pytest.approx(size, rel=0.4)
     assert "No vane feels it" in air.says
@@ -114,7 +114,7 @@ def test_an_effect_that_explains_all_beyond_the_noise_counts_where_the_inputs_pr
 def test_calm_air_is_not_reported_as_turbulent():
     problem, library = tried(blown(0.0)[0], *EFFECTS)
     log_bayes_lost = not_borne_out(InputDrivenMotion.of(problem.flights).bear_out(problem, score_all(problem, library)))
-    assert unfelt(problem.flights, residuals(problem), log_bayes_lost) is None
+    assert turbulence_without_vanes(problem.flights, residuals(problem), log_bayes_lost) is None
 
 
 def test_a_motion_without_recorded_inputs_is_not_predicted():

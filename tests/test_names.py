@@ -47,8 +47,8 @@ FIELD_WORDS = {
     "taking": "with_effects",
     "sharpening": "refinement",
 }
-# The rooms of the diagnosis keep their words until they are rewritten.
-LATER = ("structsel.comparison", "structsel.diagnosis", "structsel.effects")
+# The room of the diagnosis keeps its words until it is rewritten.
+LATER = ("structsel.diagnosis",)
 # Modules, and public parameters with their modules, that still use such a word. This list only shrinks; in plotting a
 # colour is a colour.
 REMAIN = {

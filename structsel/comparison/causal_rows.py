@@ -1,7 +1,7 @@
 """Rows of one-step prediction errors: what the past residuals of a response do not predict of it.
 
-In turbulence, and with noise in the states, what is left of the differences moves the aircraft at the next moment, and
-a pilot or damper responds to it. Columns made of the recorded motion are then functions of past residuals. Rows that
+In turbulence, and with noise in the states, the residual moves the aircraft at the next moment, and a pilot or
+damper responds to it. Columns computed from the recorded motion are then functions of past residuals. Rows that
 are conditioned on the past residuals keep such columns from explaining them.
 
 References
@@ -27,7 +27,7 @@ from structsel.numerics.arrays import Array
 DELAY = 4
 """Samples by which columns of the motion are delayed: the differentiator of the rates uses three samples ahead."""
 _ORDER_SPAN = 1.0  # s of its own past, that a difference is predicted from
-_FEWEST, _MOST = 12, 40  # samples of the same
+_FEWEST, _LARGEST = 12, 40  # samples of the same
 _ASKED = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr")
 _AHEAD = ("late", "over a step", "noise of", "the rest")
 """Words of tolerances that are left out: rates of the motion use future samples. Timing has columns of its own."""
@@ -37,14 +37,14 @@ _RIDGE = 1e-9  # of the mean square of a residual: precision of the coefficients
 _DEGREES = 8.0  # of freedom, of the prior of the variances of single flights about their common value
 
 
-def averaged(flight: Flight, response: str, told: Array) -> Array:
-    """What a response of the simulation is on the average over the samples that measure it.
+def averaged(flight: Flight, response: str, simulated: Array) -> Array:
+    """Average of a simulated response over the samples that measure it.
 
     A measured moment is the differentiator's answer to rates: to the integral of the moment that acted.
     """
     if response not in MOMENT_COEFFICIENTS:
-        return told
-    return flight.rate(scipy.integrate.cumulative_trapezoid(told, dx=flight.dt, initial=0.0))
+        return simulated
+    return flight.rate(scipy.integrate.cumulative_trapezoid(simulated, dx=flight.dt, initial=0.0))
 
 
 def evaluated_at_readings(flights: Sequence[Flight], responses: Sequence[str]) -> float:
@@ -55,10 +55,10 @@ def evaluated_at_readings(flights: Sequence[Flight], responses: Sequence[str]) -
     products = np.zeros(2)
     for c in responses:
         for f in flights:
-            noise, told = np.diff(noise_of_readings(f, c), 3), np.diff(f.simulated[c], 3)
-            power = float(told @ told)
+            noise, simulated = np.diff(noise_of_readings(f, c), 3), np.diff(f.simulated[c], 3)
+            power = float(simulated @ simulated)
             if power > 0.0:
-                products += np.array([noise @ told, noise @ noise]) / power
+                products += np.array([noise @ simulated, noise @ noise]) / power
     return float(np.clip(products[0] / products[1], 0.0, 1.0)) if products[1] > 0.0 else 0.0
 
 
@@ -73,8 +73,8 @@ def noise_of_readings(flight: Flight, response: str) -> Array:
 
 def referred(flight: Flight, response: str, fraction: float) -> Array:
     """Difference of a response, with the simulation referred to the smooth states wherever it was evaluated."""
-    told = flight.simulated[response] - fraction * noise_of_readings(flight, response)
-    return flight.measured[response] - averaged(flight, response, told)
+    simulated = flight.simulated[response] - fraction * noise_of_readings(flight, response)
+    return flight.measured[response] - averaged(flight, response, simulated)
 
 
 def delayed(x: Array, samples: int) -> Array:
@@ -127,7 +127,7 @@ class CausalRows:
     ----------
     flights : sequence of Flight
     nuisances : sequence of Nuisance
-        Tolerances that all flights share.
+        Tolerances common to all flights.
     """
 
     def __init__(self, flights: Sequence[Flight], nuisances: Sequence[Nuisance]):
@@ -136,7 +136,7 @@ class CausalRows:
         dt = float(np.median([f.dt for f in flights]))
         self.edge = DELAY
         shortest = min(len(f) for f in flights) - 2 * self.edge
-        self.order = min(int(np.clip(round(_ORDER_SPAN / dt), _FEWEST, _MOST)), shortest // 3)
+        self.order = min(int(np.clip(round(_ORDER_SPAN / dt), _FEWEST, _LARGEST)), shortest // 3)
         kept = [n for n in nuisances if not any(word in n.name for word in _AHEAD)]
         self.tolerances = kept
         self.y: dict[tuple[str, int], Array] = {}
@@ -324,5 +324,5 @@ def _timing(f: Flight) -> list[tuple[float, Mapping[str, Array]]]:
 
 
 def _variation(flights: Sequence[Flight], response: str) -> float:
-    told = np.concatenate([f.simulated[response] for f in flights])
-    return max(float(told.std()), 1e-9)
+    simulated = np.concatenate([f.simulated[response] for f in flights])
+    return max(float(simulated.std()), 1e-9)

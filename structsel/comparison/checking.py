@@ -34,33 +34,33 @@ def check_recorded(recordings: Sequence[Recording]) -> None:
             if (i := _first_beyond(r, name, _STEEP)) is not None:
                 raise DataError(
                     f"'{r.name}': {name} is {r[name][i]:.4g} rad at sample {i} (t = {r.t[i]:g} s), "
-                    "the air from behind. Its unit, its sign or what it was made of is wrong, or the aircraft stood.\n"
+                    "the air from behind. Its unit, its sign or its source is wrong, or the aircraft stood.\n"
                     "Check the channel map, or leave those samples out."
                 )
 
 
-def check_flown(flown: Mapping[str, Recording], recordings: Sequence[Recording], where: str) -> None:
-    """Refuse free simulations that diverged, or that flew somewhere else.
+def check_free_simulations(simulations: Mapping[str, Recording], recordings: Sequence[Recording], where: str) -> None:
+    """Refuse free simulations that diverged, or whose states differ from the recorded ones.
 
     Raises
     ------
     DataError
     """
     for r in recordings:
-        _check_finite(flown[r.name], where)
-        _check_tame(flown[r.name], r, where)
+        _check_finite(simulations[r.name], where)
+        _check_tame(simulations[r.name], r, where)
     for channel in _SPAN:
-        told = np.concatenate([flown[r.name][channel] for r in recordings])
+        simulated = np.concatenate([simulations[r.name][channel] for r in recordings])
         seen = np.concatenate([r[channel] for r in recordings if channel in r] or [np.zeros(0)])
-        low, high = float(told.min()), float(told.max())
+        low, high = float(simulated.min()), float(simulated.max())
         room = _WIDER * max(high - low, 1e-6 * max(abs(low), abs(high)))
         shared = float(np.mean((seen >= low - room) & (seen <= high + room))) if len(seen) else 1.0
         if shared < _SHARED:
             raise DataError(
                 f"the simulation in '{where}' flew {channel} from {low:.4g} to {high:.4g}, the recordings from "
                 f"{seen.min():.4g} to {seen.max():.4g}: only {shared:.0%} of the recorded samples lie where it flew.\n"
-                "What it says elsewhere cannot be told from its flights: start it from the recorded states, or "
-                "give its coefficients along the recordings."
+                "Its coefficients elsewhere cannot be determined from its flights: start it from the recorded states, "
+                "or give its coefficients along the recordings."
             )
 
 
@@ -72,7 +72,7 @@ def _check_finite(flight: Recording, where: str) -> None:
             raise DataError(
                 f"the simulation in '{where}' of '{flight.name}': {name} is {x[i]} at sample {i} "
                 f"(t = {flight.t[i]:g} s): it diverged, or was not finished.\n"
-                "Leave this manoeuvre out, cut it short, or mend the simulation."
+                "Leave this manoeuvre out, cut it short, or correct the simulation."
             )
 
 

@@ -52,7 +52,7 @@ def compare(
     aircraft : Aircraft, optional
         With its tolerances. Not needed for plants, whose recordings have no channels of a flight.
     progress : callable, optional
-        Told what is being done, how much of it is done, and of how much.
+        Called with the step, the amount done, and the total amount.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def compare(
         characters=tuple(kinds),
         explainable=ceiling,
         turbulence=turbulence,
-        pulls=refitted.pulls,
+        deviations=refitted.deviations,
         remarks=tuple(remarks),
         flights=flights,
         refitted=refitted,

@@ -1,9 +1,9 @@
-"""Flights as their inputs alone would have them.
+"""Response of flights to the recorded inputs alone.
 
 In moving air an aircraft goes where gusts push it, and what gusts do to its forces follows its motion: a function of
 the motion then explains some of it, whether the simulation lacks that function or not. So it is with the noise of what
 the motion was read by. What the inputs make of the motion owes nothing to either. Functions of that, in place of
-functions of the motion, are instrumental variables: gusts and noise they explain no better than chance.
+functions of the motion, are instrumental variables: they explain gusts and noise no better than random signals would.
 
 References
 ----------
@@ -29,8 +29,8 @@ _RIDGE = 1e-3  # of each column's mean square
 _BEFORE = 0.5  # s, that an input is measured from
 
 
-def driven(flights: Sequence[Flight]) -> tuple[Flight, ...]:
-    """Flights whose motion is what the inputs' past foretells of it, by one linear filter for all of them.
+def input_responses(flights: Sequence[Flight]) -> tuple[Flight, ...]:
+    """Flights whose motion is predicted from the past of the inputs, by one linear filter for all of them.
 
     Parameters
     ----------
@@ -55,6 +55,9 @@ def driven(flights: Sequence[Flight]) -> tuple[Flight, ...]:
     return tuple(_moving(f, dict(zip(AIRFRAME, (x @ filters).T))) for f, x in zip(flights, X))
 
 
+driven = input_responses  # its name in the diagnosis
+
+
 def _past(f: Flight, inputs: Sequence[str]) -> Array:
     """(n, k) inputs seen through hats over their past, and summed up; about their means."""
     at = np.arange(round(_PAST[-1] / f.dt) + 1) * f.dt
@@ -71,6 +74,6 @@ def _past(f: Flight, inputs: Sequence[str]) -> Array:
 def _moving(f: Flight, moved: dict[str, Array]) -> Flight:
     """A flight that moves so about its means; what the simulation says there, and as much measured beyond that."""
     other = replace(f, channels={**f.channels, **{c: f[c].mean() + x for c, x in moved.items()}})
-    simulated = {c: other.told(c) if c in COEFFICIENTS else x for c, x in f.simulated.items()}
+    simulated = {c: other.predicted(c) if c in COEFFICIENTS else x for c, x in f.simulated.items()}
     measured = {c: x + simulated.get(c, 0.0) - f.simulated.get(c, 0.0) for c, x in f.measured.items()}
     return replace(other, measured=measured, simulated=simulated)

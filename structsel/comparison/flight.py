@@ -1,4 +1,4 @@
-"""One manoeuvre made ready for comparison: smooth channels, responses measured and simulated, and their slopes."""
+"""One manoeuvre prepared for comparison: smooth channels, responses measured and simulated, and their slopes."""
 
 from __future__ import annotations
 
@@ -50,12 +50,13 @@ class Flight:
     surrogate : Surrogate, optional
         The simulation's stand-in.
     inertial : frozenset of str
-        Air data and attitude that are as accelerometers and gyros foretell them, but for slow drifts: without the noise
-        of their own instruments.
+        Air data and attitude that accelerometers and gyros predict, except for slow drifts: without the noise of their
+        own instruments.
     air : mapping of channel to (n,) array
-        V, alpha and beta with gusts, as far as they stand out of the noise: what a simulation is asked at.
+        V, alpha and beta with gusts, as far as these exceed the noise: the states at which a simulation is evaluated.
     apart : bool
-        Whether the simulation was asked elsewhere, perhaps at reconstructed states, which lack the readings' biases.
+        Whether the simulation was evaluated at other states, such as reconstructed ones, which lack the biases of the
+        readings.
     """
 
     name: str
@@ -135,41 +136,41 @@ class Flight:
 
     @cached_property
     def expected(self) -> dict[str, Array]:
-        """Accelerations as the simulation would have them.
+        """Accelerations by the simulation.
 
-        What a wrong reading does to the differences is worked out from these: the measured ones, and those of a
-        simulation asked at noisy states, would bring the differences' own noise into their explanation.
+        The effect of a wrong reading on the differences is computed from these: the measured ones, and those of a
+        simulation evaluated at noisy states, would bring the noise of the differences into their explanation.
         """
         ch, aircraft = self.channels, self.aircraft
-        told = {c: self.told(c) for c in COEFFICIENTS}
+        predicted = {c: self.predicted(c) for c in COEFFICIENTS}
         qS = self["qbar"] * aircraft.S
         rates = (ch["p"], ch["q"], ch["r"])
         made = {f"{c}_dot": self.rate(ch[c]) for c in "pqr"}
         if aircraft.inertia is not None:
             thrust = rb.thrust_moment(ch["thrust"], aircraft.thrust.offset, aircraft.thrust.inclination)
             moment = [
-                told[c] * qS * x + m
+                predicted[c] * qS * x + m
                 for c, x, m in zip(COEFFICIENTS[3:], (aircraft.b, aircraft.cbar, aircraft.b), thrust)
             ]
             turning = rb.angular_acceleration(rates, tuple(moment), aircraft.inertia.tensor)
             made |= {f"{c}_dot": x for c, x, own in zip("pqr", turning, COEFFICIENTS[3:]) if own in self.simulated}
         push = rb.thrust_force(ch["thrust"], aircraft.thrust.inclination)
-        fx, fy, fz = ((told[c] * qS + x) / ch["mass"] for c, x in zip(COEFFICIENTS[:3], push))
+        fx, fy, fz = ((predicted[c] * qS + x) / ch["mass"] for c, x in zip(COEFFICIENTS[:3], push))
         turned = (made["p_dot"], made["q_dot"], made["r_dot"])
         read = rb.acceleration_at_sensor(fx, fy, fz, rates, turned, aircraft.position("accelerometer"))
         return made | {c: x for c, x in zip(("ax", "ay", "az"), read) if c in self.recorded}
 
-    def told(self, name: str) -> Array:
-        """A response as the simulation would have it at states without noise; as measured where it tells none."""
+    def predicted(self, name: str) -> Array:
+        """Simulated response at states without noise; the measured one where it is not simulated."""
         if self.surrogate is not None and name in self.surrogate.terms:
             return self.surrogate.evaluate(self, name)
         return self.simulated.get(name, self.measured.get(name, np.zeros(len(self))))
 
     @cached_property
     def forces(self) -> tuple[Array, Array, Array]:
-        """Mass times specific force over qbar S along the body axes, as told: aerodynamic force and thrust."""
+        """Mass times specific force over qbar S along the body axes, simulated: aerodynamic force and thrust."""
         push = rb.thrust_force(self["CT"], self.aircraft.thrust.inclination)
-        CX, CY, CZ = (self.told(c) + T for c, T in zip(COEFFICIENTS[:3], push))
+        CX, CY, CZ = (self.predicted(c) + T for c, T in zip(COEFFICIENTS[:3], push))
         return CX, CY, CZ
 
     def between(self, first: int, last: int, name: str) -> Flight:
@@ -196,7 +197,7 @@ class Flight:
 
 
 def prepare_flight(recording: Recording, aircraft: Aircraft, simulated: Mapping[str, Array]) -> Flight:
-    """Smooth the channels of a manoeuvre and work out what it measured of each simulated response.
+    """Smooth the channels of a manoeuvre, and compute the measured value of each simulated response.
 
     Parameters
     ----------
@@ -221,7 +222,7 @@ def prepare_flight(recording: Recording, aircraft: Aircraft, simulated: Mapping[
             i = int(np.argmin(np.isfinite(x)))
             raise DataError(
                 f"'{recording.name}': channel '{name}' is {x[i]} at sample {i} (t = {t[i]:g} s).\n"
-                "A comparison needs finite samples: take a stretch without them, or mend the file."
+                "A comparison needs finite samples: take a segment without them, or correct the file."
             )
     for name in _ANGLES:
         if name in raw:
@@ -241,8 +242,8 @@ def prepare_flight(recording: Recording, aircraft: Aircraft, simulated: Mapping[
     wanted = tuple(aerodynamic)
     if set(AIRFRAME) <= set(smooth):
         wanted += tuple(name for name, needs in KINEMATIC.items() if set(needs) <= set(raw))
-        # A smoother would take more from some channels than from others. The responses are made of what was read, and
-        # compared in a band; only what multiplies (dynamic pressure) is smooth.
+        # A smoother would take more from some channels than from others. The responses are computed from the
+        # readings, and compared in a band; only factors (dynamic pressure) are smooth.
         plain = {**smooth, **raw}
         plain |= {f"{rate}_dot": Rate(dt)(plain[rate]) for rate in ("p", "q", "r")}
         wanted = tuple(c for c in wanted if _can(c, raw, aircraft))

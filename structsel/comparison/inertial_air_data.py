@@ -1,4 +1,4 @@
-"""Smooth channels, and air data that accelerometers and gyros predict but for slow drifts."""
+"""Smooth channels, and air data that accelerometers and gyros predict, except for slow drifts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from structsel.aircraft import Aircraft
-from structsel.comparison.responses import KINEMATIC, Rate, told_rates
+from structsel.comparison.responses import KINEMATIC, Rate, predicted_rates
 from structsel.errors import StructselError, StructselWarning
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.air_data import air_data_at_cg, air_data_at_sensor
@@ -40,18 +40,17 @@ def smooth_channel(name: str, x: Array, t: Array) -> Array:
 def inertial_channels(
     smooth: dict[str, Array], raw: Mapping[str, Array], aircraft: Aircraft, t: Array
 ) -> tuple[dict[str, Array], frozenset[str]]:
-    """Air data and attitude as what the accelerometers and gyros foretell, plus what the readings slowly add to it.
+    """Air data and attitude predicted by accelerometers and gyros, plus the slow part of their error.
 
-    What a reading has beyond the integral of what foretells it is noise, moving air and slow drifts. Only the drifts
-    are kept: noise and gusts would meet themselves in the differences. Where that is most of the motion, what is left
-    of it when smoothed is kept as well.
+    A reading minus its prediction is noise, moving air and slow drifts. Only the drifts are kept: noise and gusts would
+    occur twice in the differences. Where the rest is larger than the motion, it is smoothed and kept as well.
 
     Returns
     -------
     air : dict of channel to (n,) array
-        V, alpha and beta with all that is left when smoothed: what the aircraft flew in.
+        V, alpha and beta with the smoothed rest: the air that the aircraft met.
     inertial : frozenset of str
-        Channels of which only drifts were kept.
+        Channels with drifts only.
     """
     ch = {**smooth, **raw}
     rates = (ch["p"], ch["q"], ch["r"])
@@ -60,23 +59,23 @@ def inertial_channels(
     calm = air_data_at_cg(smooth["V"], smooth["alpha"], smooth["beta"], *rates, place)
     turning = tuple(Rate(float(t[1] - t[0]))(smooth[c]) for c in "pqr")
     force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, aircraft.position("accelerometer"))
-    told = told_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
+    predicted = predicted_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
     read = {**dict(zip(("V", "alpha", "beta"), air)), **{c: ch[c] for c in ("phi", "theta", "psi")}}
-    flown, made, inertial = {}, {}, set()
+    with_gusts, made, inertial = {}, {}, set()
     for name, x in read.items():
         if name not in raw or not np.ptp(raw[name]) or not set(KINEMATIC[f"k_{name}"]) <= set(raw):
-            flown[name] = made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
+            with_gusts[name] = made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
             continue
-        ahead = scipy.integrate.cumulative_simpson(told[name], x=t, initial=0.0)
+        ahead = scipy.integrate.cumulative_simpson(predicted[name], x=t, initial=0.0)
         slow, rest = _drift(x - ahead, t), smooth_channel(name, x - ahead, t)
         if np.std(rest - slow) < np.std(x - _drift(x, t)):
             inertial.add(name)
-        flown[name] = ahead + rest
+        with_gusts[name] = ahead + rest
         made[name] = ahead + (slow if name in inertial else rest)
     # With the gyros' noise, a long arm would give the angles' rates the noise of the moments.
     still = (smooth["p"], smooth["q"], smooth["r"])
     air_data = ("V", "alpha", "beta")
-    carried = [air_data_at_sensor(x["V"], x["alpha"], x["beta"], *still, place) for x in (flown, made)]
+    carried = [air_data_at_sensor(x["V"], x["alpha"], x["beta"], *still, place) for x in (with_gusts, made)]
     smooth.update(zip(air_data, carried[1]))
     smooth.update({c: made[c] for c in ("phi", "theta", "psi")})
     return dict(zip(air_data, carried[0])), frozenset(inertial)

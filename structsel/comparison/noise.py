@@ -95,7 +95,7 @@ def estimate_noise(
     pool: Mapping[str, Sequence[Array]],
     known: Noise | None = None,
 ) -> Noise:
-    """Spectrum of what neither tolerances nor any usual function of the states, nor any known physics, explains.
+    """Spectrum of the part that tolerances, usual functions of the states and known physics do not explain.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def estimate_noise(
         Spectra that may explain the differences, scaled by their priors, per flight.
     responses : sequence of str
     pool : mapping of response to sequence of (bins, j) array
-        Spectra of further columns per flight, of which the few that help most are taken.
+        Spectra of further columns per flight; the few that help most are used.
     known : Noise, optional
         Of some responses, which are left as they are there.
     """
@@ -139,10 +139,10 @@ def _residual(
     edges: Array,
     pool: Sequence[Array] | None,
 ) -> tuple[list[Array], list[Array]]:
-    """What is left of one response's coefficients, and how free each was to be left.
+    """Residual of one response's coefficients, and the degrees of freedom of each.
 
-    `explained` is held to its priors, usual columns are not. Where few coefficients meet many columns, what is left
-    says little of the noise: at low frequencies above all.
+    `explained` is held to its priors, usual columns are not. Where few coefficients meet many columns, the residual
+    shows little of the noise, at low frequencies above all.
     """
     y = np.concatenate([spectrum(f.difference[response], b, edge_of(f))[1:] for f, b in zip(flights, bins)])
     X = np.vstack([spectrum(state_functions(f, response), b, edge_of(f))[1:] for f, b in zip(flights, bins)])
@@ -241,7 +241,7 @@ class Rows:
         return self.projector(self._stack(spectra, width))
 
     def against(self, several: Sequence[Mapping[str, Array]], width: int, Z: Array) -> list[Further]:
-        """Products of further spectra, each by itself, with columns of which `Z` holds the last as y.
+        """Products of each of several spectra with the columns of `Z`, whose last is y.
 
         Parameters
         ----------
@@ -261,13 +261,13 @@ class Rows:
             h = np.hstack([several[k][c] for k in there]) * self.weight[c][:, None]
             each = h.reshape(self.size, len(there), width).transpose(1, 0, 2)
             own[there] += each.transpose(0, 2, 1) @ each
-            for told, columns in ((cross, Z[part]), (inside, basis[part])):
-                told[there] += (columns.T @ h).reshape(-1, len(there), width).transpose(1, 0, 2)
+            for product, columns in ((cross, Z[part]), (inside, basis[part])):
+                product[there] += (columns.T @ h).reshape(-1, len(there), width).transpose(1, 0, 2)
         own -= inside.transpose(0, 2, 1) @ (self.projector.lost[:, None] * inside)
         return [Further(x[:-1], o, x[-1]) for x, o in zip(cross, own)]
 
     def difference(self) -> Array:
         """(rows,) the differences themselves."""
         edge = edge_of(self.flight)
-        told = {c: spectrum(self.flight.difference[c], self.bins, edge)[:, None] for c in self.responses}
-        return self.whiten(told)[:, 0]
+        spectra = {c: spectrum(self.flight.difference[c], self.bins, edge)[:, None] for c in self.responses}
+        return self.whiten(spectra)[:, 0]

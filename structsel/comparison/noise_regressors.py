@@ -1,4 +1,4 @@
-"""Functions of the states that may explain differences: what they explain is not noise."""
+"""Functions of the states that may explain differences, and so are no noise."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _ITSELF = {
     "CY": ("beta", "beta_dot_hat"), "CZ": ("alpha", "alpha_dot_hat"), "Cl": ("p_hat", "beta", "beta_dot_hat"),
     "Cm": ("q_hat", "alpha", "alpha_dot_hat"), "Cn": ("r_hat", "beta", "beta_dot_hat"),
 }  # fmt: skip
-"""States whose rates and recent past are what a response is measured by: angles are foretold by the gyros."""
+"""States whose rates and recent past measure a response: the gyros predict the angles."""
 
 
 def state_functions(f: Flight, response: str) -> Array:
     """Usual functions of the states of one flight and, for a coefficient, their recent past.
 
-    What a kinematic response is made of (the rate of angle of attack, and its recent past) would explain its own noise.
+    A kinematic response consists of the rate of angle of attack: this and its recent past would explain its own noise.
     """
     itself = _ITSELF.get(response, ())
     rates = tuple(c for c in _GENERIC if c.endswith("_dot_hat") and (c in itself or response not in COEFFICIENTS))
@@ -50,7 +50,7 @@ def state_functions(f: Flight, response: str) -> Array:
 
 
 def helpful_columns(rows: Array, y: Array, further: Array, weight: Array) -> list[int]:
-    """Columns that lower what is left most, one after another, until none lowers it by more than chance.
+    """Columns that lower the residual most, one after another, until none is significant.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def helpful_columns(rows: Array, y: Array, further: Array, weight: Array) -> lis
     F = further * weight[:, None]
     inside = Q.T @ F
     before = (F**2).sum(axis=0)
-    # Products of what the rows leave of the columns: with themselves, and with what they leave of y.
+    # Products of the residuals of the columns after regression on the rows: with themselves, and with that of y.
     power = before - (inside**2).sum(axis=0)
     with_y = F.T @ y - inside.T @ (Q.T @ y)
     total = float(y @ y - ((Q.T @ y) ** 2).sum())

@@ -29,7 +29,7 @@ _NEEDED = 0.95  # R2 of a simulated force by a recorded motion, above which the 
 _INERTIA = 0.05  # of the rms of a simulated force, above which its sense is that of the acceleration, not of the speed
 _OF_FLIGHT = {"V", "phi", "theta", "psi", "vn", "ve", "vd", "ax", "ay", "az"}
 _FLYING = 3  # of these channels, from which a recording is of a vehicle, whose motion is no mechanism's
-_HIGHEST = 2.0  # rad per sample, above which a discrete gain is no longer that of what it stands for
+_HIGHEST = 2.0  # rad per sample, above which a discrete gain is no longer that of the plant
 _FALLS = 2.9  # by which a gain falls within an octave: inertia makes it four and more, a lag alone two
 _SLIGHTLY = 1e-3  # by which a parameter is changed to see what that does
 _REAL = 1e-6  # of a pole's size, below which its imaginary part is rounding
@@ -108,7 +108,7 @@ class Plant:
         """Whether a force can act on its motion, which is recorded, or lies behind an input and inertia.
 
         A plant without inertia only passes its input on, delayed or at once. Without an input, a force along the
-        measured response would explain the response by itself.
+        measured response would explain the response alone.
         """
         return self.speed > 0.0 and (self.along is not None or (bool(self.source) and self.swings))
 
@@ -118,24 +118,25 @@ class Plant:
         return self.along is None or bool(self.along[0])
 
     def under(self, force: Array) -> Array:
-        """Response to a force beside the input."""
-        return force - force.mean() if self.along else self.driven(force)
+        """Response to a force in addition to the input."""
+        return force - force.mean() if self.along else self.response_to(force)
 
-    def driven(self, u: Array) -> Array:
+    def response_to(self, u: Array) -> Array:
         """Response to an input."""
         return scipy.signal.lfilter(self.b, self.a, u - u.mean())
 
     def errors(self, flights: Flights) -> dict[str, list[Array]]:
-        """What an error of its stiffness and damping by all of each adds to the response, per flight.
+        """Change of the response by an error of 100 % of its stiffness, or its damping, per flight.
 
-        To first order, along the simulated motion; empty where neither can be told. That of inertia is one of all.
+        To first order, along the simulated motion; empty where neither can be determined. An error of inertia changes
+        the scale.
         """
-        told = [f.simulated[self.response] for f in flights]
+        simulated = [f.simulated[self.response] for f in flights]
         if self.along and self.source:
             place, speed = self.along
             used = [c for c in (place, speed, self.source) if c]
             X = np.column_stack([centred(f.channels[c] for f in flights) for c in used])
-            y = centred(told)
+            y = centred(simulated)
             values = scipy.linalg.lstsq(X, y)[0]
             if float(np.sum((y - X @ values) ** 2)) > (1.0 - _LEAST_R2) * float(y @ y):
                 return {}
@@ -151,7 +152,9 @@ class Plant:
             other = denominator.copy()
             other[at] *= 1.0 + _SLIGHTLY
             over, under = (np.real(np.poly(np.exp(poles * dt))) for poles in (was, np.roots(other)))
-            made[name] = [(scipy.signal.lfilter(over, under, y - y.mean()) - (y - y.mean())) / _SLIGHTLY for y in told]
+            made[name] = [
+                (scipy.signal.lfilter(over, under, y - y.mean()) - (y - y.mean())) / _SLIGHTLY for y in simulated
+            ]
         return made
 
     def frequency(self, dt: float) -> float:
@@ -181,22 +184,22 @@ def find_plants(flights: Flights, response: str) -> list[Plant]:
     moved = rms_within(f.measured[response] for f in held)
     made = []
     for along, sense, r2_motion in motions:
-        _, source, b, a = _driven_by(first, response, first.recorded - {"t", *first.simulated, *along})
+        _, source, b, a = _input_of(first, response, first.recorded - {"t", *first.simulated, *along})
         if r2_motion >= _NEEDED or not source:
             moves, paces = (rms_within(f.channels[c] for f in held) if c else 0.0 for c in along)
             made.append(Plant(response, source, b, a, moved, moves or paces, paces, along, sense))
     if made:
         return made
-    _, source, b, a = _driven_by(first, response, first.recorded - {"t", *first.simulated})
+    _, source, b, a = _input_of(first, response, first.recorded - {"t", *first.simulated})
     u = first.raw[source] if source else first.simulated[response][:_SAMPLES]
     speed = np.concatenate([f.rate(f.measured[response]) for f in held])
     return [Plant(response, source, b, a, _rms(u - u.mean()), moved, _rms(speed))]
 
 
-def _driven_by(flight: Flight, response: str, channels: Iterable[str]) -> tuple[float, str, Array, Array]:
-    """R2, channel and transfer function by which a simulated response is best driven; no channel where none does."""
-    told = flight.simulated[response][:_SAMPLES]
-    y = told - told.mean()
+def _input_of(flight: Flight, response: str, channels: Iterable[str]) -> tuple[float, str, Array, Array]:
+    """R2, channel and transfer function with the highest R2 for a simulated response; no channel where none fits."""
+    simulated = flight.simulated[response][:_SAMPLES]
+    y = simulated - simulated.mean()
     best: tuple[float, str, Array, Array] = (_LEAST_R2, "", np.ones(1), np.ones(1))
     for name in sorted(channels):
         u = flight.raw[name][:_SAMPLES]
@@ -266,11 +269,11 @@ def _others(flights: Flights) -> list[str]:
 
 def _rising(flights: Flights, rates: Sequence[Array], least: float) -> str | None:
     """The channel whose rate is most like one given."""
-    told = centred(rates)
+    simulated = centred(rates)
     alike = {}
     for name in _others(flights):
         x = centred(f.rate(f.channels[name]) for f in flights)
-        alike[name] = float(x @ told) / max(float(np.linalg.norm(x) * np.linalg.norm(told)), 1e-300)
+        alike[name] = float(x @ simulated) / max(float(np.linalg.norm(x) * np.linalg.norm(simulated)), 1e-300)
     best = max(alike, key=lambda c: alike[c], default=None)
     return best if best is not None and alike[best] > least else None
 

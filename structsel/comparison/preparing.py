@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.comparison.checking import check_alike, check_flown, check_recorded
+from structsel.comparison.checking import check_alike, check_free_simulations, check_recorded
 from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
 from structsel.comparison.responses import Rate
 from structsel.comparison.simulations import OpenedSimulation, open_simulation
@@ -70,7 +70,7 @@ def prepare(
     if simulation.form == "forced" and aircraft.simulation.states != "raw":
         flights = [replace(f, apart=True) for f in flights]
     elif simulation.form == "free":
-        check_flown(simulation.flown, recordings, simulation.name)
+        check_free_simulations(simulation.flights, recordings, simulation.name)
         flights = _from_flights(flights, simulation, aircraft, remarks)
     elif simulation.evaluate is not None:
         flights = [_ask(f, simulation, r) for f, r in zip(flights, recordings)]
@@ -94,7 +94,7 @@ def _unmeasured(flights: Sequence[Flight]) -> set[str]:
 
 
 def _no_aircraft(recordings: Sequence[Recording]) -> Aircraft:
-    """Stand-in for plants such as test rigs, of which only the default tolerances are used.
+    """Stand-in for plants such as test rigs, with the default tolerances only.
 
     Raises
     ------
@@ -129,9 +129,9 @@ def smoothed_recording(flight: Flight, recording: Recording) -> Recording:
 
 def _ask(flight: Flight, simulation: OpenedSimulation, recording: Recording) -> Flight:
     assert simulation.evaluate is not None
-    told = simulation.evaluate(smoothed_recording(flight, recording))
+    simulated = simulation.evaluate(smoothed_recording(flight, recording))
     held: dict[str, Array] = {}
-    for name, x in told.items():
+    for name, x in simulated.items():
         if name not in flight.measured and name not in recording:
             continue
         values = np.broadcast_to(np.asarray(x, dtype=float), flight.t.shape)
@@ -139,7 +139,7 @@ def _ask(flight: Flight, simulation: OpenedSimulation, recording: Recording) -> 
             i = int(np.argmin(np.isfinite(values)))
             raise DataError(
                 f"the simulation gives {name} = {values[i]} in '{flight.name}' at t = {flight.t[i]:g} s.\n"
-                "It must hold at every recorded state: leave the manoeuvre out, or mend the simulation."
+                "It must hold at every recorded state: leave the manoeuvre out, or correct the simulation."
             )
         held[name] = np.array(values)
     measured = {c: x for c, x in flight.measured.items() if c in held or c not in COEFFICIENTS}
@@ -154,13 +154,15 @@ def _acted(x: Array, dt: float) -> Array:
     return Rate(dt)(dt * np.concatenate([[0.0], np.cumsum(x[:-1])]))
 
 
-def _told(flights: Sequence[Flight], stand_in: Surrogate, responses: Sequence[str]) -> list[dict[str, Array]]:
-    """What a stand-in says along flights, with inputs as read, or held over each sample: whichever comes nearer.
+def _stand_in_responses(
+    flights: Sequence[Flight], stand_in: Surrogate, responses: Sequence[str]
+) -> list[dict[str, Array]]:
+    """Responses of a stand-in along flights, with inputs as read, or held over each sample: whichever fits better.
 
-    Inputs are not smoothed here: what jumps would be rounded, and they are read well beside how far they move.
+    Inputs are not smoothed here: what jumps would be rounded, and their noise is small compared with their motion.
     """
 
-    def driven(held: bool) -> list[dict[str, Array]]:
+    def along(held: bool) -> list[dict[str, Array]]:
         made = []
         for f in flights:
             inputs = {c: _acted(f.raw[c], f.dt) if held else f.raw[c] for c in _HELD if c in f.raw}
@@ -168,28 +170,32 @@ def _told(flights: Sequence[Flight], stand_in: Surrogate, responses: Sequence[st
             made.append({c: stand_in.evaluate(plain, c) for c in responses})
         return made
 
-    def off(told: Sequence[Mapping[str, Array]]) -> float:
-        power = [sum(float(np.var(f.measured[c] - t[c])) for f, t in zip(flights, told)) for c in responses]
+    def error_of(responses_of: Sequence[Mapping[str, Array]]) -> float:
+        power = [sum(float(np.var(f.measured[c] - t[c])) for f, t in zip(flights, responses_of)) for c in responses]
         return float(np.sum(np.log(power)))
 
-    return min(driven(False), driven(True), key=off)
+    return min(along(False), along(True), key=error_of)
 
 
 def _from_flights(
     flights: Sequence[Flight], simulation: OpenedSimulation, aircraft: Aircraft, remarks: list[str]
 ) -> list[Flight]:
-    """Coefficients along the recorded path of a simulation that flew by itself: identified from its own flights."""
+    """Coefficients along the recorded path of a free simulation, identified from its own flights."""
     own: list[Flight] = []
     for f in flights:
-        flown = simulation.flown[f.name]
-        filled = {c: np.asarray(flown[c]) for c in flown.names}
+        simulated_flight = simulation.flights[f.name]
+        filled = {c: np.asarray(simulated_flight[c]) for c in simulated_flight.names}
         # Inputs were held over each sample. Rates are differentiated: what acted is to be averaged in the same way.
-        filled |= {c: _acted(x, flown.dt) for c, x in filled.items() if c in _HELD}
+        filled |= {c: _acted(x, simulated_flight.dt) for c, x in filled.items() if c in _HELD}
         for c in ("rho", "mass", "thrust", "throttle", "df", "gear", "h_agl", "rpm"):
-            if c not in filled and c in f.channels and len(flown) == len(f):
+            if c not in filled and c in f.channels and len(simulated_flight) == len(f):
                 filled[c] = f.channels[c]
         own.append(
-            prepare_flight(Recording(f.name, flown.t, filled), aircraft, {c: np.zeros(len(flown)) for c in f.simulated})
+            prepare_flight(
+                Recording(f.name, simulated_flight.t, filled),
+                aircraft,
+                {c: np.zeros(len(simulated_flight)) for c in f.simulated},
+            )
         )
     responses = [c for c in flights[0].simulated if all(c in o.measured for o in own)]
     stand_in = identify(own, [o.measured for o in own], responses)
@@ -199,7 +205,7 @@ def _from_flights(
             f"the simulation's own flights determine its {', '.join(poor)} only in part: they move too little there"
         )
     made = []
-    for f, told in zip(flights, _told(flights, stand_in, responses)):
-        measured: Mapping[str, Array] = {c: x for c, x in f.measured.items() if c in told or c not in COEFFICIENTS}
-        made.append(replace(f, simulated=told, measured=measured))
+    for f, simulated in zip(flights, _stand_in_responses(flights, stand_in, responses)):
+        measured: Mapping[str, Array] = {c: x for c, x in f.measured.items() if c in simulated or c not in COEFFICIENTS}
+        made.append(replace(f, simulated=simulated, measured=measured))
     return made

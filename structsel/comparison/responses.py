@@ -103,8 +103,8 @@ def respond(ch: Mapping[str, Array], aircraft: Aircraft, dt: float, wanted: tupl
     return {name: made[name] for name in wanted}
 
 
-def told_rates(ch: Mapping[str, Array], air: Three, force: Three) -> dict[str, Array]:
-    """Rates of V, alpha, beta and of the Euler angles as specific force and body rates foretell them.
+def predicted_rates(ch: Mapping[str, Array], air: Three, force: Three) -> dict[str, Array]:
+    """Rates of V, alpha, beta and of the Euler angles predicted from specific force and body rates.
 
     Parameters
     ----------
@@ -128,9 +128,9 @@ def told_rates(ch: Mapping[str, Array], air: Three, force: Three) -> dict[str, A
 def _kinematics(ch: Mapping[str, Array], d: Rate, air: Three, force: Three) -> dict[str, Array]:
     V, alpha, beta = air
     phi, theta, psi = ch["phi"], ch["theta"], ch["psi"]
-    told = told_rates(ch, air, force)
+    predicted = predicted_rates(ch, air, force)
     read = {"V": V, "alpha": alpha, "beta": beta, "phi": phi, "theta": theta, "psi": psi}
-    made = {f"k_{name}": d(x) - told[name] for name, x in read.items()}
+    made = {f"k_{name}": d(x) - predicted[name] for name, x in read.items()}
     velocity = np.stack(np.broadcast_arrays(*body_velocity(V, alpha, beta)), axis=-1)
     ground = np.einsum("...ij,...j->...i", body_to_earth(phi, theta, psi), velocity)
     if "h" in ch:

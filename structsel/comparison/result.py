@@ -1,4 +1,4 @@
-"""What a comparison found."""
+"""Result of a comparison."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ from structsel.comparison.locating.coherence import Coherence
 from structsel.comparison.locating.refitted import Refitted
 from structsel.comparison.locating.region import Bound
 from structsel.comparison.locating.turbulence import TurbulenceEstimate
+from structsel.deprecation import renamed_attribute
 from structsel.formatting import count_of
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table, text_column
 
 _SHOWN = 4
-_PULLED = 2.5  # standard deviations, beyond which a tolerance is said to be exceeded
+_EXCEEDED = 2.5  # standard deviations, beyond which a tolerance is said to be exceeded
 
 
+_KEYS = {"fraction": "share", "log_bayes_factor": "nats", "input_fraction": "driven"}
+"""Attributes whose keys in files are those of their first version."""
 _COLUMNS = (
     text_column("response"),
     Column("measured", "3g"),
@@ -31,6 +34,10 @@ _COLUMNS = (
 )
 
 
+def _as_before(values: dict[str, Any]) -> dict[str, Any]:
+    return {_KEYS.get(name, name): value for name, value in values.items()}
+
+
 @dataclass(frozen=True)
 class Size:
     """Root mean squares of one response in the compared band, constant offsets aside.
@@ -39,9 +46,9 @@ class Size:
     ----------
     measured, difference : float
     refitted : float
-        What refitting within tolerances leaves of the difference.
+        Residual of the difference after a fit within the tolerances.
     noise : float
-        Of what no usual function of the states explains either.
+        Of the part that no usual function of the states explains either.
     """
 
     measured: float
@@ -52,7 +59,7 @@ class Size:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Mismatch(Result):
-    """How a simulation and recordings part.
+    """Difference between a simulation and recordings.
 
     Attributes
     ----------
@@ -62,18 +69,18 @@ class Mismatch(Result):
     recordings : tuple of str
     sizes : mapping of response to Size
     windows : tuple of Window
-        In which more is left than usual, of what tolerances do not explain.
-    intervals : mapping of recording to stretches [s]
+        In which the residual within tolerances is larger than usual.
+    intervals : mapping of recording to intervals [s]
         The same, all responses together.
     region : mapping of channel to Bound
-        That bound those stretches.
+        That bound those intervals.
     changes : tuple of Change
     coherences : tuple of Coherence
     characters : tuple of Character
     explainable : mapping of response to float
-        Share of the difference's variance that a learner foretells on manoeuvres it has not seen.
+        Fraction of the difference's variance that a regression model predicts on manoeuvres it was not fitted to.
     turbulence : TurbulenceEstimate or None
-    pulls : tuple of (tolerance, sigmas)
+    deviations : tuple of (tolerance, sigmas)
     remarks : tuple of str
     flights : tuple of Flight
     refitted : Refitted
@@ -91,7 +98,7 @@ class Mismatch(Result):
     characters: tuple[Character, ...]
     explainable: Mapping[str, float]
     turbulence: TurbulenceEstimate | None
-    pulls: tuple[tuple[str, float], ...]
+    deviations: tuple[tuple[str, float], ...]
     remarks: tuple[str, ...]
     flights: tuple[Flight, ...] = field(repr=False)
     refitted: Refitted = field(repr=False)
@@ -108,31 +115,35 @@ class Mismatch(Result):
             "region": {c: asdict(b) for c, b in self.region.items()},
             "changes": [asdict(c) for c in self.changes],
             "coherence": [
-                {"response": c.response, "channel": c.channel, "share": c.share, "peak": c.peak}
+                {"response": c.response, "channel": c.channel, "share": c.fraction, "peak": c.peak}
                 for c in self.coherences
                 if c.significant
             ],
-            "character": [asdict(c) for c in self.characters if c.significant],
+            "character": [_as_before(asdict(c)) for c in self.characters if c.significant],
             "explainable": dict(self.explainable),
-            "turbulence": None if self.turbulence is None else asdict(self.turbulence),
-            "tolerances": [{"name": n, "sigmas": s} for n, s in self.pulls],
+            "turbulence": None if self.turbulence is None else _as_before(asdict(self.turbulence)),
+            "tolerances": [{"name": n, "sigmas": s} for n, s in self.deviations],
             "remarks": list(self.remarks),
         }
+
+    pulls = renamed_attribute("deviations")
 
     def _found(self) -> list[str]:
         made = []
         for c in self.characters[:_SHOWN]:
             if c.significant:
-                made.append(f"{c.response}: {c.kind}, {c.share:.0%} of what is left (p = {c.p:.2g})")
+                made.append(f"{c.response}: {c.kind}, {c.fraction:.0%} of the residual (p = {c.p:.2g})")
         for d in self.changes[:_SHOWN]:
             made.append(f"{d.response} steps by {d.step:.3g} +- {d.std:.1g} in '{d.flight}' at {d.time:.1f} s")
         seconds = sum(b - a for each in self.intervals.values() for a, b in each)
         if seconds:
             bounds = ", ".join(f"{c} {b.low:.3g} to {b.high:.3g}" for c, b in self.region.items())
-            made.append(f"more is left than usual in {seconds:.0f} s" + (f", where {bounds}" if bounds else ""))
+            made.append(
+                f"the residual is larger than usual in {seconds:.0f} s" + (f", where {bounds}" if bounds else "")
+            )
         for x in [x for x in self.coherences if x.significant][:_SHOWN]:
-            made.append(f"{x.response} goes with {x.channel}: {x.share:.0%} of its power, most at {x.peak:.2g} Hz")
-        exceeded = [f"{n} ({s:+.1f})" for n, s in self.pulls if abs(s) > _PULLED]
+            made.append(f"{x.response} goes with {x.channel}: {x.fraction:.0%} of its power, most at {x.peak:.2g} Hz")
+        exceeded = [f"{n} ({s:+.1f})" for n, s in self.deviations if abs(s) > _EXCEEDED]
         if exceeded:
             made.append("tolerances exceeded, in standard deviations: " + ", ".join(exceeded[:_SHOWN]))
         if self.turbulence is not None:

@@ -43,7 +43,7 @@ def _less_simulated(flight: Flight, channel: str) -> Sensitivity:
 
 
 def asked_wrongly(flight: Flight, channel: str) -> dict[str, Array]:
-    """What a unit of error of a channel adds to the differences through the simulation that was asked at it alone."""
+    """Change of the differences by a unit error of a channel at which only the simulation was evaluated."""
     slopes = {r: flight.slope(r, channel) for r in flight.responses if r in COEFFICIENTS}
     return {r: -slope for r, slope in slopes.items() if np.any(slope)}
 
@@ -105,8 +105,8 @@ def _measured_of(
         for j, c in enumerate(names):
             off[c][:, j], off[c][:, k + j] = sign * steps[j], sign * steps[j] * ramp
         off |= {f"{c}_dot": flight.rate(off[c]) for c in ("p", "q", "r") if c in off}
-        for told, kind in ((clean, COEFFICIENTS), ({**clean, **felt}, KINEMATIC)):
-            ch = {c: x[:, None] for c, x in told.items()}  # what no error touches is worked out once
+        for channels, kind in ((clean, COEFFICIENTS), ({**clean, **felt}, KINEMATIC)):
+            ch = {c: x[:, None] for c, x in channels.items()}  # what no error touches is worked out once
             ch |= {c: ch[c] + e for c, e in off.items()}
             side |= respond(ch, flight.aircraft, flight.dt, tuple(r for r in wanted if r in kind))
     change = {r: (sides[0][r] - sides[1][r]) / np.tile(steps, 2) for r in wanted}

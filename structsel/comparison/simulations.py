@@ -22,7 +22,7 @@ from structsel.numerics.arrays import Array
 from structsel.recording import Recording, read_recordings
 
 _STATES = ("V", "alpha")
-_LATE = 0.1  # of a sample, by which clocks may differ and still be one
+_CLOCK_TOLERANCE = 0.1  # of a sample, by which clocks may differ and still be one
 
 _NO_SIMULATION = {
     **dict.fromkeys(("Selection", "Selections", "Refinement"), "Pass its .model."),
@@ -44,7 +44,7 @@ class OpenedSimulation:
     name : str
     along : mapping of recording to mapping of response to (n,) array
         What it says along the recordings, for the form "forced"; else empty.
-    flown : mapping of recording to Recording
+    flights : mapping of recording to Recording
         Its own flights, for the form "free".
     evaluate : callable or None
         Recording to responses, for the forms that can be asked.
@@ -54,7 +54,7 @@ class OpenedSimulation:
     form: str
     name: str
     along: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
-    flown: Mapping[str, Recording] = field(default_factory=dict)
+    flights: Mapping[str, Recording] = field(default_factory=dict)
     evaluate: Evaluate | None = None
     model: AeroModel | None = None
 
@@ -104,10 +104,12 @@ def open_simulation(source: Any, recordings: Sequence[Recording], aircraft: Airc
     if text.startswith("jsbsim:"):
         from structsel.simulation.jsbsim import open_jsbsim
 
-        plane = open_jsbsim(text.removeprefix("jsbsim:"))
+        jsbsim_aircraft = open_jsbsim(text.removeprefix("jsbsim:"))
         # JSBSim takes alpha and beta at the centre of gravity; a recording has those of its vanes.
         return OpenedSimulation(
-            "jsbsim", text, evaluate=lambda r: _coefficients_of(plane.coefficients(compute_coefficients(r, aircraft)))
+            "jsbsim",
+            text,
+            evaluate=lambda r: _coefficients_of(jsbsim_aircraft.coefficients(compute_coefficients(r, aircraft))),
         )
     if text.startswith("python:"):
         return OpenedSimulation("python", text, evaluate=_load(text))
@@ -120,8 +122,8 @@ def open_simulation(source: Any, recordings: Sequence[Recording], aircraft: Airc
     return _of_files({r.name: r for r in read_recordings(path)}, recordings, str(path))
 
 
-def _coefficients_of(flown: Recording) -> dict[str, Array]:
-    return {name: flown[name] for name in COEFFICIENTS if name in flown}
+def _coefficients_of(simulated: Recording) -> dict[str, Array]:
+    return {name: simulated[name] for name in COEFFICIENTS if name in simulated}
 
 
 def _load(text: str) -> Evaluate:
@@ -146,18 +148,18 @@ def _of_model(model: AeroModel, aircraft: Aircraft) -> Evaluate:
             warnings.simplefilter("ignore")  # the region left is judged, and said, by the comparison
             complete = set(model.channels) <= set(recording.names)
             held = recording if complete else compute_coefficients(recording, aircraft)
-            told = model.evaluate(held, outside="ignore")
-        return body_axes(told, held["alpha"]) if {"CL", "CD"} & set(told) else dict(told)
+            responses = model.evaluate(held, outside="ignore")
+        return body_axes(responses, held["alpha"]) if {"CL", "CD"} & set(responses) else dict(responses)
 
     return evaluate
 
 
-def body_axes(told: Mapping[str, Array], alpha: Array) -> dict[str, Array]:
+def body_axes(responses: Mapping[str, Array], alpha: Array) -> dict[str, Array]:
     """Lift and drag coefficients as CX and CZ; the others as they are."""
-    if not {"CL", "CD"} <= set(told):
+    if not {"CL", "CD"} <= set(responses):
         raise ModelError("a simulation that gives one of CL and CD must give both: body axes need them together.")
-    CL, CD = told["CL"], told["CD"]
-    rest = {name: x for name, x in told.items() if name not in ("CL", "CD")}
+    CL, CD = responses["CL"], responses["CD"]
+    rest = {name: x for name, x in responses.items() if name not in ("CL", "CD")}
     CX, CZ = body_from_wind_axes(CL, CD, alpha)
     return {"CX": CX, "CZ": CZ, **rest}
 
@@ -176,7 +178,7 @@ def _of_files(found: dict[str, Recording], recordings: Sequence[Recording], wher
             "forced", where, along={r.name: _aligned(mine[r.name], r, COEFFICIENTS) for r in recordings}
         )
     if set(_STATES) <= set(first.names):
-        return OpenedSimulation("free", where, flown=mine)
+        return OpenedSimulation("free", where, flights=mine)
     shared = [c for c in first.names if all(c in r for r in recordings)]
     if not shared:
         raise DataError(
@@ -205,10 +207,10 @@ def _aligned(simulated: Recording, recording: Recording, wanted: Sequence[str]) 
             i = int(np.argmin(np.isfinite(x)))
             raise DataError(
                 f"the simulation of '{recording.name}' gives {name} = {x[i]} at sample {i} (t = {simulated.t[i]:g} s): "
-                "it diverged, or was not finished.\nLeave this manoeuvre out, or mend the simulation."
+                "it diverged, or was not finished.\nLeave this manoeuvre out, or correct the simulation."
             )
     t, dt = recording.t, recording.dt
-    if len(simulated) == len(recording) and np.abs(simulated.t - t).max() <= _LATE * dt:
+    if len(simulated) == len(recording) and np.abs(simulated.t - t).max() <= _CLOCK_TOLERANCE * dt:
         return held
     if simulated.t[0] > t[0] + dt or simulated.t[-1] < t[-1] - dt:
         raise DataError(

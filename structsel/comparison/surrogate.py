@@ -2,7 +2,8 @@
 
 Whatever form a simulation comes in, its coefficients along the recorded paths are regressed on polynomials of the
 recorded states. The stand-in is used for what wrong states would have done to the simulation, and for what its stated
-tolerances allow, never for the difference itself (but for a free simulation, which says nothing at recorded states).
+tolerances allow, never for the difference itself, except for a free simulation, which has no coefficients at
+recorded states.
 """
 
 from __future__ import annotations
@@ -34,12 +35,12 @@ _SECOND = (
 _HATS = {"p_hat": "p", "q_hat": "q", "r_hat": "r"}
 _TINY = 1e-9
 _VANES = ("alpha", "beta")
-_STATES, _DRIVEN = ("V", "alpha", "beta", "p", "q", "r"), ("de", "da", "dr", *CONFIGURATION, "thrust", "throttle")
+_STATES, _INPUTS = ("V", "alpha", "beta", "p", "q", "r"), ("de", "da", "dr", *CONFIGURATION, "thrust", "throttle")
 _ENOUGH = 4000  # samples
 _ROUNDS = 3
 _LEAST = 0.02  # of what samples count, that flights' levels count at least
 _RIDGE = 1e-2  # of each column
-_SHARE, _CLEAR = 1e-5, 20.0
+_LEAST_FRACTION, _CLEAR = 1e-5, 20.0
 """What a term must carry: of the variance, and of the mean square that is left."""
 _RATE_WORTH, _SPEED_WORTH, _WRONG_SIDE = 0.002, 0.2, 0.05
 _SIDEWAYS = {"beta", "p_hat", "r_hat", "da", "dr"}
@@ -129,7 +130,7 @@ def _arm(flight: Flight, factor: str, channel: str) -> float:
 
 
 def find_surrogate(flights: Sequence[Flight], responses: Sequence[str]) -> Surrogate:
-    """Stand-in for what the flights' simulation says of `responses`, by the states that it was most likely asked at.
+    """Stand-in for the flights' simulation of `responses`, by the states at which it was most likely evaluated.
 
     These are the channels smoothed, or with the gusts that stand out of the noise, or as read, at the vanes or carried
     to the centre of gravity: whichever leave least of what the simulation says.
@@ -144,17 +145,17 @@ def find_surrogate(flights: Sequence[Flight], responses: Sequence[str]) -> Surro
     -------
     Surrogate
     """
-    told = [f.simulated for f in flights]
-    # Controls jump, and are read well beside how far they move: smoothing would round them.
-    driven = [{c: f.raw[c] for c in _DRIVEN if c in f.raw} for f in flights]
-    gusty = [{**f.air, **m} for f, m in zip(flights, driven)]
-    read = [{**m, **{c: f.raw[c] for c in _STATES if c in f.raw}} for f, m in zip(flights, driven)]
+    simulated_responses = [f.simulated for f in flights]
+    # Controls jump, and their noise is small compared with their motion: smoothing would round them.
+    inputs = [{c: f.raw[c] for c in _INPUTS if c in f.raw} for f in flights]
+    gusty = [{**f.air, **m} for f, m in zip(flights, inputs)]
+    read = [{**m, **{c: f.raw[c] for c in _STATES if c in f.raw}} for f, m in zip(flights, inputs)]
     tried = []
-    for more in (driven, gusty, read):
+    for more in (inputs, gusty, read):
         asked = [replace(f, channels={**f.channels, **m}) for f, m in zip(flights, more)]
-        tried.append(identify(asked, told, responses))
+        tried.append(identify(asked, simulated_responses, responses))
         if np.any(flights[0].aircraft.position("vane")):
-            tried.append(identify(asked, told, responses, at_cg=True))
+            tried.append(identify(asked, simulated_responses, responses, at_cg=True))
     return min(tried, key=lambda s: sum(np.log(max(1.0 - s.r2[c], _TINY)) for c in responses))
 
 
@@ -167,7 +168,7 @@ def identify(
 ) -> Surrogate:
     """Stand-in for what a simulation says of `responses`.
 
-    Orthogonal functions, each of which must carry its share of the variance, all flights together.
+    Orthogonal functions; each must carry a least fraction of the variance of all flights together.
 
     Parameters
     ----------
@@ -191,15 +192,15 @@ def identify(
     bare = Surrogate(centre, scale, {}, {}, {}, {})
     columns = [np.concatenate([bare.column(f, term)[::step] for f in flights]) for term in pool]
     X = np.reshape(columns, (len(pool), sum(counts))).T
-    told = {c: np.concatenate([s[c][::step] for s in simulated]) for c in responses}
-    products = _Products.of(np.column_stack([np.ones(len(X)), X, *told.values()]), ends)
+    simulated_responses = {c: np.concatenate([s[c][::step] for s in simulated]) for c in responses}
+    products = _Products.of(np.column_stack([np.ones(len(X)), X, *simulated_responses.values()]), ends)
     # The rate of angle of attack is the pitch rate and what CZ makes of it: with it, anything would fit. In trimmed
     # flight airspeed and angle of attack are collinear.
     liking = np.array([_RATE_WORTH if "alpha_dot_hat" in t else _SPEED_WORTH if "V" in t else 1.0 for t in pool])
     terms, values, constant, r2 = {}, {}, {}, {}
-    # An aircraft is nearly the same on both sides: what is odd in one of its halves is not even in the other.
+    # An aircraft is nearly symmetric: products that are odd in lateral motion belong to lateral responses.
     odd = np.array([sum(c in _SIDEWAYS for c in term) % 2 == 1 for term in pool])
-    for i, (response, y) in enumerate(told.items(), 1 + len(pool)):
+    for i, (response, y) in enumerate(simulated_responses.items(), 1 + len(pool)):
         alike = (
             (odd == (response in LATERAL_COEFFICIENTS)) if response in COEFFICIENTS else np.ones(len(pool), dtype=bool)
         )
@@ -236,17 +237,17 @@ class _Products:
 
 
 def _fit(X: Array, y: Array, products: _Products, ends: NDArray[np.intp], liking: Array) -> tuple[list[int], Array]:
-    """Columns kept, and the constant with their values, by least squares with levels weighted by what is left of them.
+    """Columns kept, and the constant with their values, by least squares with levels weighted by their residuals.
 
-    A simulation asked at states with other biases than those read leaves a level in each flight. Taken for noise of
-    independent samples, levels let columns in that are not there, and share out wrongly between columns that are alike.
+    A simulation evaluated at states with other biases than the readings leaves a level in each flight. Taken for noise
+    of independent samples, levels let false columns in, and give wrong values to columns that are alike.
     """
     level = 1.0
     for _ in range(_ROUNDS):
         S = products.moving + level * products.levels  # of the constant, the columns, and y
         kept = _choose((S - np.outer(S[0], S[0]) / S[0, 0])[1:, 1:], products.samples, liking)
         basis = [0, *(1 + j for j in kept)]
-        # A touch of ridge: columns that nearly coincide share their effect instead of cancelling it.
+        # A touch of ridge: columns that nearly coincide have nearly equal values instead of cancelling.
         ridge = _RIDGE**2 * np.diag(S)[basis] * (np.arange(len(basis)) > 0)
         fit = np.linalg.solve(S[np.ix_(basis, basis)] + np.diag(ridge), S[basis, -1])
         left = np.split(y - fit[0] - X[:, kept] @ fit[1:], ends)
@@ -262,11 +263,11 @@ def _moves(flights: Sequence[Flight], channel: str) -> bool:
 
 
 def _choose(S: Array, samples: int, liking: Array) -> list[int]:
-    """Columns that carry their share of the variance of y, largest gain first, from products of them and, last, y."""
+    """Columns that carry a least fraction of the variance of y, largest gain first; S has products with y last."""
     if len(S) < 2 or S[-1, -1] <= 0.0:
         return []
-    # Much of what a stand-in leaves is what its form misses, not noise: a term must also carry its share.
+    # Most of the residual of a stand-in is error of form, not noise: a term must also carry a least fraction.
     path = forward_selection(
-        S, float(samples), _CLEAR / samples, max_terms=20, min_gain=_SHARE, weights=liking, min_tolerance=1e-6
+        S, float(samples), _CLEAR / samples, max_terms=20, min_gain=_LEAST_FRACTION, weights=liking, min_tolerance=1e-6
     )
     return list(path.selected)

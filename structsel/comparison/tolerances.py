@@ -46,10 +46,10 @@ _JUMPING = ("de", "da", "dr", "df", "throttle")
 _WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
 _ASKED = ("V", "alpha", "beta", "de", "da", "dr")
 _JUMP, _ABOVE = 0.08, 3.0  # of a channel's span, and of the changes about it, above which a change is a jump
-_MOST_JUMPS = 12
+_MAX_JUMPS = 12
 _SCALED = {"alpha": 1.0, "beta": 1.0, "V": 0.5, "phi": 0.5, "theta": 0.5, "psi": 0.5}
 """Of the stated tolerance: less for an airspeed system and a gyro that holds attitude than for a vane in its upwash."""
-_LATE = (
+_SEPARATE_CLOCKS = (
     ("V",), ("alpha",), ("beta",), ("phi", "theta", "psi"), ("p", "q", "r"), ("ax", "ay", "az"), ("de", "da", "dr"),
 )  # fmt: skip
 
@@ -69,7 +69,7 @@ class Nuisance:
     least : float
         Part of `sd` that does not come of a stated tolerance: sampling, noise in the states.
     delivered : bool
-        Whether it is free in a simulation taken as delivered: of how it is sampled and asked, not of what it says.
+        Whether it is free before any refit: a matter of sampling and evaluation, not of the simulation's parameters.
     effect : str
         Name of the effect that it is where it is larger than the tolerance; empty where no tolerance is stated for it.
     absent : str
@@ -85,10 +85,10 @@ class Nuisance:
     effect: str = ""
     absent: str = ""
 
-    def scale(self, share: float) -> float:
-        """Factor on `sd` where things are off by a share of the stated tolerances."""
+    def scale(self, fraction: float) -> float:
+        """Factor on `sd` where errors are this fraction of the stated tolerances."""
         least = min(1.0, self.least / self.sd)
-        return math.sqrt(least**2 + share**2 * (1.0 - least**2))
+        return math.sqrt(least**2 + fraction**2 * (1.0 - least**2))
 
 
 def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
@@ -120,8 +120,8 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
     for response in first.simulated:
         if response not in COEFFICIENTS:
             wrong = {"scale": [f.simulated[response] for f in flights], **find_plant(flights, response).errors(flights)}
-            for what, told in wrong.items():
-                add(f"{response}: {what}", "main", "relative", [{response: x} for x in told], "wrong-derivative")
+            for what, signals in wrong.items():
+                add(f"{response}: {what}", "main", "relative", [{response: x} for x in signals], "wrong-derivative")
             continue
         if first.surrogate is None:
             continue
@@ -141,7 +141,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             "wrong-derivative",
             level,
         )
-        # What the states as we have them do not give may be the noise of the states it was asked at.
+        # What the smooth states do not explain may be the noise of the states at which it was evaluated.
         made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0, True))
     if not set(COEFFICIENTS) & set(first.simulated):
         return made
@@ -151,7 +151,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
     for k, axis in enumerate("xyz"):
         add(f"centre of gravity {axis}", "cg", "chords", [offset_columns(f, k) for f in flights], "cg-shift")
     add("thrust", "thrust", "relative", [thrust_columns(f) for f in flights], "thrust-scale")
-    for channel, share in _SCALED.items():
+    for channel, fraction in _SCALED.items():
         if all(channel in f.recorded for f in flights):
             add(
                 f"{channel} scale",
@@ -159,14 +159,14 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
                 "relative",
                 [misread(f, **{channel: f[channel]}) for f in flights],
                 "sensor-scale",
-                share,
+                fraction,
             )
     for one, other in (("ax", "az"), ("ax", "ay"), ("ay", "az"), ("p", "r"), ("p", "q"), ("q", "r")):
         each = [misread(f, **{one: reading(f, other), other: -reading(f, one)}) for f in flights]
         add(f"{one} and {other} turned", "alignment", "rad", each, "sensor-misalignment")
     # Nothing recorded at intervals is registered better than to a fraction of one.
     timing = _SAMPLING * float(np.median([f.dt for f in flights]))
-    for channels in _LATE:
+    for channels in _SEPARATE_CLOCKS:
         here = [c for c in channels if all(c in f.recorded for f in flights)]
         if here:
             each = [misread(f, **{c: -f.rate(reading(f, c)) for c in here}) for f in flights]
@@ -193,15 +193,15 @@ def _acts(columns: Sequence[Mapping[str, Array]]) -> bool:
 
 
 def _held(flights: Sequence[Flight], timing: float) -> list[Nuisance]:
-    """What holding inputs over each sample, and averaging over steps in between, does to each response by itself."""
+    """Change of each response if inputs are held over each sample, and averaged over steps in between."""
     sd = 4.0 * timing**2
-    told = [c for c in COEFFICIENTS if c in flights[0].simulated]
-    turns = {c: [{c: f.rate(f.rate(f.simulated[c]))} for f in flights] for c in told}
-    return [Nuisance(f"{c} over a step", sd, "s^2", turns[c], sd, True) for c in told]
+    names = [c for c in COEFFICIENTS if c in flights[0].simulated]
+    turns = {c: [{c: f.rate(f.rate(f.simulated[c]))} for f in flights] for c in names}
+    return [Nuisance(f"{c} over a step", sd, "s^2", turns[c], sd, True) for c in names]
 
 
 def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
-    """What the noise of readings made a simulation answer that was asked at them, and not the aircraft.
+    """Response of a simulation, evaluated at the readings, to their noise, which the aircraft does not have.
 
     In a surface that hardly moves it would pass for dead play, and as a drive for anything that rings.
     """
@@ -230,17 +230,17 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
 
 
 def _biased(flight: Flight, channel: str) -> list[Mapping[str, Array]]:
-    """What a unit of constant error of a reading does; what it does to a simulation asked elsewhere, by itself."""
-    whole = misread(flight, **{channel: 1.0})
+    """Change by a unit of constant error of a reading; separately that of a simulation evaluated at other states."""
+    complete = misread(flight, **{channel: 1.0})
     if not flight.apart:
-        return [whole]
+        return [complete]
     asked = asked_wrongly(flight, channel)
-    read = {c: left for c, x in whole.items() if np.any(left := x - asked.get(c, 0.0))}
+    read = {c: left for c, x in complete.items() if np.any(left := x - asked.get(c, 0.0))}
     return [columns for columns in (read, asked) if columns]
 
 
 def _jumps(flight: Flight, channel: str) -> list[Array]:
-    """Each jump of an input by itself, at the sample that first shows it: it may have come anywhere since the last.
+    """Each jump of an input, at the sample that first shows it: it may have come anywhere since the last.
 
     Were it later by a part of a sampling interval, the input would have been that part of the jump less there.
     """
@@ -248,9 +248,9 @@ def _jumps(flight: Flight, channel: str) -> list[Array]:
         return []
     steps = np.diff(flight.raw[channel])
     size = np.abs(steps)
-    beside = np.maximum(np.concatenate([[0.0, 0.0], size[:-2]]), np.concatenate([size[2:], [0.0, 0.0]]))
-    jumps = np.flatnonzero((size > _JUMP * np.ptp(flight.raw[channel])) & (size > _ABOVE * beside))
-    found = jumps[np.argsort(-size[jumps])][:_MOST_JUMPS]
+    neighbours = np.maximum(np.concatenate([[0.0, 0.0], size[:-2]]), np.concatenate([size[2:], [0.0, 0.0]]))
+    jumps = np.flatnonzero((size > _JUMP * np.ptp(flight.raw[channel])) & (size > _ABOVE * neighbours))
+    found = jumps[np.argsort(-size[jumps])][:_MAX_JUMPS]
     return [np.where(np.arange(len(flight)) == k + 1, steps[k], 0.0) for k in found]
 
 
@@ -287,7 +287,8 @@ def inertia_columns(f: Flight, axis: str) -> dict[str, Array]:
     made = dict(zip(MOMENT_COEFFICIENTS, coupling))
     # Angular acceleration as the simulation would have it: the measured one would bring its noise along.
     moment = [
-        (f.told(c) if c in f.simulated else 0.0) * qbar * f.aircraft.S * x for c, x in zip(MOMENT_COEFFICIENTS, lengths)
+        (f.predicted(c) if c in f.simulated else 0.0) * qbar * f.aircraft.S * x
+        for c, x in zip(MOMENT_COEFFICIENTS, lengths)
     ]
     thrust = rb.thrust_moment(f["thrust"], f.aircraft.thrust.offset, f.aircraft.thrust.inclination)
     turning = rb.angular_acceleration(rates, tuple(m + t for m, t in zip(moment, thrust)), tensor)

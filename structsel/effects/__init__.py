@@ -45,7 +45,7 @@ EFFECTS: tuple[Effect, ...] = (
     *structural.EFFECTS,
     *plants.EFFECTS,
 )
-"""Every effect that can be named, with what it needs and what it does to the differences."""
+"""Every effect that can be named: needs, forms and contributions to the differences."""
 
 __all__ = [
     "EFFECTS",

@@ -1,4 +1,4 @@
-"""Surfaces that do not stand where they were recorded to stand, or an unrecorded hand on them."""
+"""Surfaces whose positions differ from the recorded ones, or that an unrecorded feedback moves."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from structsel.effects.rate_limits import rate_says, rate_variants
 from structsel.effects.signals import CONTROLS, available, coefficients, gathered
 from structsel.effects.surfaces import (
     ALL,
-    SHARE,
+    FRACTION,
     actuated,
     behind,
     departure,
@@ -58,6 +58,10 @@ def _needs_control(flights: Flights) -> str:
         return ""
     if not coefficients(flights):
         return "simulated coefficients"
+    return _needs_used_control(flights)
+
+
+def _needs_used_control(flights: Flights) -> str:
     return "" if used_controls(flights) else "a control that moves and that the simulation answers to"
 
 
@@ -73,15 +77,15 @@ def _lag_variants(flights: Flights) -> list[Variant]:
     for about, controls in [*together, *((SURFACES[c], [c]) for c in used)]:
         for name, operator in (("lag", first_order_lag), ("delay", delayed)):
             for tau in spaced(max(0.02, 0.75 * dt), 0.35, 7):
-                late_by = partial(behind, operator=operator, tau=tau)
-                columns = displaced(*((c, 0, departure(c, late_by, tau)) for c in controls))
-                model = _late_model(tuple(CONTROLS) if about == ALL else tuple(controls), name)
+                lagged = partial(behind, operator=operator, tau=tau)
+                columns = displaced(*((c, 0, departure(c, lagged, tau)) for c in controls))
+                model = _lag_model(tuple(CONTROLS) if about == ALL else tuple(controls), name)
                 parameter = EffectParameter(name, "s", tau, 0.5 * tau, 1.5 * tau)
                 made.append(Variant((parameter,), columns, about=about, model=model))
-    return made + plants.late_answers(flights)
+    return made + plants.delayed_answers(flights)
 
 
-def _late_model(controls: Sequence[str], kind: str) -> MakeModel:
+def _lag_model(controls: Sequence[str], kind: str) -> MakeModel:
     follows = state_after(controls, kind, "late", lambda case: {"tau": case.quantity(kind)})
     return lambda case: follows(case) if case.estimates[kind].value > 0.0 else None
 
@@ -113,15 +117,15 @@ def _stop_variants(flights: Flights) -> list[Variant]:
     for control in used_controls(flights):
         values = gathered(flights, control)
         low, high = float(values.min()), float(values.max())
-        for share in (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
+        for fraction in (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
             # Between what is usual and the extreme: a stop within the usual would have been seen.
             middle = float(np.median(values))
-            up, down = middle + share * (high - middle), middle + share * (low - middle)
-            both = share * max(abs(low), abs(high))
+            up, down = middle + fraction * (high - middle), middle + fraction * (low - middle)
+            both = fraction * max(abs(low), abs(high))
             for name, limits in (("upper", (-np.inf, up)), ("lower", (down, np.inf)), ("both", (-both, both))):
                 made.append(
                     Variant(
-                        (SHARE,),
+                        (FRACTION,),
                         followed(control, partial(stopped, low=limits[0], high=limits[1])),
                         {"stop": limits[0] if name == "lower" else limits[1]}, {"stop": "rad"},
                         f"{SURFACES[control]}, {sides[name]}",
@@ -134,7 +138,7 @@ def _stop_variants(flights: Flights) -> list[Variant]:
 
 def _stop_says(found: FittedEffect) -> str:
     words = found.variant.words
-    return f"The {words['surface']} stops at {shown(found, 'stop')} ({words['side']}) although more was asked of it."
+    return f"The {words['surface']} stops at {shown(found, 'stop')} ({words['side']}) although the command was larger."
 
 
 # Play
@@ -153,7 +157,7 @@ def _play_variants(flights: Flights) -> list[Variant]:
         for width in spaced(narrowest, widest, 10):
             made.append(
                 Variant(
-                    (SHARE,),
+                    (FRACTION,),
                     followed(control, partial(actuated, backlash=width)),
                     {"width": width}, {"width": "rad"}, SURFACES[control],
                     model=state_after([control], "backlash", "play", lambda case: {"width": case.quantity("width")}),
@@ -253,19 +257,19 @@ EFFECTS: tuple[Effect, ...] = (
         _needs_control, _lag_variants, _lag_says,
         look_alikes=("sensor-delay", "unsteady-lift", "rotor-inflow-lag", "backlash"),
         separated_by="sharp steps of this control alone, small and large",
-        check="a bench test of the actuator, and where in the linkage the control is recorded",
+        check="a ground test of the actuator, and where in the linkage the control is recorded",
     ),
     Effect(
         "actuator-rate-limit", "actuator", "A surface moves no faster than its actuator can.",
-        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _needs_used_control,
         rate_variants, rate_says,
         look_alikes=("actuator-lag", "backlash", "actuator-saturation"),
         separated_by="the same input at half and at twice the size: a lag keeps its shape, a rate limit does not",
         check="the actuator's rate under load",
     ),
     Effect(
-        "actuator-saturation", "actuator", "A surface stops short of what is asked of it.",
-        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        "actuator-saturation", "actuator", "A surface stops before it reaches its command.",
+        _needs_used_control,
         _stop_variants, _stop_says,
         look_alikes=("control-nonlinearity", "actuator-rate-limit"),
         separated_by="inputs just below and well above the stop, held for a second",
@@ -273,7 +277,7 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         "backlash", "actuator", "A dead play in the linkage: small reversals do not reach the surface.",
-        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _needs_used_control,
         _play_variants, _play_says,
         look_alikes=("actuator-lag", "friction", "actuator-rate-limit"),
         separated_by="small and large reversals of the same control: the play keeps its size",
@@ -281,7 +285,7 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         "augmentation", "actuator", "An unrecorded autopilot or damper moves a surface with the motion.",
-        lambda fs: "" if used_controls(fs) else "a control that moves and that the simulation answers to",
+        _needs_used_control,
         _feedback_variants, _feedback_says,
         look_alikes=("wrong-derivative", "downwash-lag", "sidewash-lag"),
         separated_by="the same manoeuvre with the damper off",

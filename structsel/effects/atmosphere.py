@@ -26,7 +26,7 @@ _SHARED_LENGTHS = (0.6, 1.2, 2.4)  # s, of a gust at one time of all manoeuvres
 _SHARED_GUSTS = 2  # times tried for each of these lengths
 _CHANNEL_LENGTHS = (0.8, 1.6, 3.2, 6.4)  # s, of gusts that channels show
 _CHANNEL_GUSTS = 3  # manoeuvres tried for each of these lengths
-_WAYS = ("to the north", "to the east", "downward")
+_DIRECTIONS = ("to the north", "to the east", "downward")
 _PERIODS, _STEP = (1.0, 25.0), 0.25  # of a periodic wind in the shortest manoeuvre, and the resolution
 _OF_SAMPLING = 0.1  # of the sampling rate, up to which its frequency is sought
 _FREQUENCIES = 2  # that are tried
@@ -53,7 +53,7 @@ def _ground_speed_as_airspeed(flight: Flight) -> list[dict[str, Array]]:
 
 def _wind_variants(flights: Flights) -> list[Variant]:
     level = tuple(EffectParameter(a, "m/s", 5.0, -50.0, 50.0) for a in _AXES[:2])
-    # In each manoeuvre a wind of its own would be free; one for all is what can be told.
+    # A wind of its own in each manoeuvre would be free; one wind for all can be determined.
     steady = blown(lambda f: [_along(i, np.ones(len(f))) for i in range(2)], channels_in_wind(flights))
     made = [Variant(level, steady, about="over the ground")]
     if available(flights, "psi") and not cannot_be_shifted(flights):
@@ -126,11 +126,11 @@ def _misjudged(law: Callable[[Flight], Array], along: bool) -> Variant:
         each = _ground_speed_as_airspeed(flight)
         if along:
             heading = flight["psi"]
-            ways = [{c: np.cos(heading) * e + np.sin(heading) * each[1][c] for c, e in each[0].items()}]
+            directions = [{c: np.cos(heading) * e + np.sin(heading) * each[1][c] for c, e in each[0].items()}]
         else:
-            ways = each[:2]
+            directions = each[:2]
         size = law(flight)
-        return [{c: size * e for c, e in way.items()} for way in ways]
+        return [{c: size * e for c, e in direction.items()} for direction in directions]
 
     names = ("along the path",) if along else _AXES[:2]
     parameters = tuple(EffectParameter(a, "m/s per 100 m", 5.0, -60.0, 60.0) for a in names)
@@ -250,7 +250,7 @@ def _blown_gust(channels: Mapping[str, Added], axis: int, times: Mapping[str, fl
 
     speed = EffectParameter("speed", "m/s", 4.0, -30.0, 30.0)
     shape = {**shape_of(times), "length": length}
-    about = f"{_WAYS[axis]}, in {', '.join(map(repr, times))}"
+    about = f"{_DIRECTIONS[axis]}, in {', '.join(map(repr, times))}"
     return Variant((speed,), blown(winds, channels), shape, dict.fromkeys(shape, "s"), about)
 
 
@@ -258,7 +258,7 @@ def _gust(angle: str, times: Mapping[str, float], length: float, name: str) -> V
     def columns(flight: Flight) -> Columns:
         here = flight.name in times
         form = pulse(flight.t, times[flight.name], length) / flight["V"] if here else np.zeros(len(flight))
-        # The vane does not see it, so the simulation was not told; kinematics closes without it.
+        # The vane does not see it, so it is not in the simulation; the kinematics agree without it.
         parts = [(r, 0, flight.slope(r, angle) * form) for r in COEFFICIENTS]
         return signature(flight, 1, parts)
 

@@ -37,8 +37,8 @@ class EffectParameter:
     low, high : float
         What is physically plausible; a sign is a limit at zero.
     of_outcome : bool
-        The signature is a share x of what came out with it (a reading in error, an acceleration with the wrong mass);
-        stated is the share of what would be without, x / (1 - x).
+        The signature is a fraction x of a result with the effect (a reading in error, an acceleration with the wrong
+        mass); stated is the fraction of the result without it, x / (1 - x).
     """
 
     name: str
@@ -256,7 +256,7 @@ class TruthCase:
     Attributes
     ----------
     terms : mapping of coefficient to mapping of formula to value
-        What a truth of size 1 adds to CX, CY, CZ, Cl, Cm, Cn. A formula is a product of at most four factors, powers
+        Increments of the six coefficients by a truth of size 1. A formula is a product of at most four factors, powers
         counted: "CT*de" or "alpha^2*beta". Factors are the signals and these variables, in SI units: 1, alpha, beta,
         p_hat, q_hat, r_hat, de, da, dr (of the surfaces), df, CT (thrust over dynamic pressure and area), CL,
         abs_alpha, abs_beta, abs_de, abs_da, abs_dr.
@@ -305,7 +305,7 @@ class Effect:
     log_prior : float
         Of the effect as against the others.
     event : bool
-        True where what it does at moments sought in the differences is of those, so that others cannot foretell it.
+        True where it acts at times sought in the differences, so that other manoeuvres cannot predict it.
     truth : TruthCase, optional
         Its case in the proof. None where ``proof`` has a generator of its own for it, or no case.
     """

@@ -7,7 +7,7 @@ from functools import partial
 from structsel.comparison.flight import Flight
 from structsel.effects.base import EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.changes import find_changes, together
-from structsel.effects.operators import changes, shape_of, since, told_onsets
+from structsel.effects.operators import changes, onsets_in_words, shape_of, since
 from structsel.effects.readings import AIR, ATTITUDE, INERTIAL, Errors, present, wrong_readings
 from structsel.effects.signals import CONTROLS, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, shown
@@ -40,12 +40,12 @@ def bias_variants(flights: Flights) -> list[Variant]:
             Variant((constant,), wrong_readings(partial(_level, channel=channel)), about=name),
             Variant((drift,), wrong_readings(partial(_drift, channel=channel)), about=f"{name}, drifting"),
         ]
-        several = together(jumps.get(_SHOWS.get(channel, ()), ()), both_ways=False)
+        several = together(jumps.get(_SHOWS.get(channel, ()), ()), both_signs=False)
         for times in (*single, *({one.flight: one.start for one in jumped} for jumped, _ in several)):
             errors = partial(_since, channel=channel, times=times)
             shape = shape_of(times)
-            told = f"{name}, {told_onsets(times)}"
-            made.append(Variant((constant,), wrong_readings(errors), shape, dict.fromkeys(shape, "s"), told))
+            name_and_times = f"{name}, {onsets_in_words(times)}"
+            made.append(Variant((constant,), wrong_readings(errors), shape, dict.fromkeys(shape, "s"), name_and_times))
     return made
 
 

@@ -15,12 +15,12 @@ from structsel.numerics.arrays import Array
 _BLOCK = 0.2  # s, over which differences are averaged
 _EDGE = 1.5  # s, at both ends of a manoeuvre, in which no change is sought
 _MEMORY = 1.0  # s between samples that count as independent
-_OWN = 0.05  # of a change's variance, that channels must leave for it to be told from them
-_APART = 3.0  # s between two changes of one manoeuvre
+_OWN = 0.05  # of a change's variance, that channels must leave unexplained
+_LEAST_DISTANCE = 3.0  # s between two changes of one manoeuvre
 _SINGLE = 3  # most changes of one manoeuvre alone that are tried
-_ALONE = 10  # most manoeuvres of which changes alone are tried
+_ALONE = 10  # maximum number of manoeuvres whose single changes are tried
 _TOGETHER = 6  # most manoeuvres with the same change
-_TOLD = 4.0  # gain in log likelihood from which a manoeuvre joins others in a change
+_CLEAR = 4.0  # gain in log likelihood from which a manoeuvre joins others in a change
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,17 +112,17 @@ class _Sought:
             return []
         t, y = self.t, self.left
         S = _centred(np.column_stack([ramp(t, s, duration) for s in starts]))
-        whole = (S**2).sum(axis=0)
+        total = (S**2).sum(axis=0)
         S = S - self.basis @ (self.basis.T @ S)
-        # A change that the channels themselves describe cannot be told from them.
-        norm = np.maximum((S**2).sum(axis=0), _OWN * whole)
+        # A change that the channels themselves describe cannot be separated from them.
+        norm = np.maximum((S**2).sum(axis=0), _OWN * total)
         size = (S.T @ y) / norm[:, None]
-        share = np.clip(size**2 * norm[:, None] / np.maximum((y**2).sum(axis=0), 1e-30), 0.0, 1.0 - 1e-9)
-        gains = -0.5 * (t[-1] - t[0]) / _MEMORY * np.log1p(-share).sum(axis=1)
+        fraction = np.clip(size**2 * norm[:, None] / np.maximum((y**2).sum(axis=0), 1e-30), 0.0, 1.0 - 1e-9)
+        gains = -0.5 * (t[-1] - t[0]) / _MEMORY * np.log1p(-fraction).sum(axis=1)
         level = np.maximum(np.sqrt((y**2).mean(axis=0)), 1e-30)
         found: list[SoughtChange] = []
         for i in np.argsort(-gains):
-            if all(abs(starts[i] - one.start) > _APART for one in found):
+            if all(abs(starts[i] - one.start) > _LEAST_DISTANCE for one in found):
                 found.append(SoughtChange(self.name, float(starts[i]), duration, float(gains[i]), size[i] / level))
             if len(found) == each:
                 break
@@ -149,32 +149,32 @@ Event = tuple[tuple[SoughtChange, ...], Array]
 
 
 def alone(changes: Sequence[SoughtChange]) -> list[Event]:
-    """Each of the best changes of every manoeuvre by itself."""
+    """Each of the best changes of every manoeuvre alone."""
     names = list(dict.fromkeys(change.flight for change in changes))[:_ALONE]
     return [((change,), np.ones(1)) for name in names for change in [c for c in changes if c.flight == name][:_SINGLE]]
 
 
-def together(changes: Sequence[SoughtChange], *, both_ways: bool = True) -> list[Event]:
+def together(changes: Sequence[SoughtChange], *, both_signs: bool = True) -> list[Event]:
     """The best of several manoeuvres, two, three and more, with their signs.
 
     Parameters
     ----------
     changes : sequence of SoughtChange
         Best first.
-    both_ways : bool
-        Whether what comes in one manoeuvre may go in another.
+    both_signs : bool
+        Whether a change may have opposite signs in two manoeuvres.
     """
     made: list[Event] = []
     for duration in dict.fromkeys(change.duration for change in changes):
         best: dict[str, SoughtChange] = {}
         for change in changes:
-            if change.duration == duration and change.gain > _TOLD:
+            if change.duration == duration and change.gain > _CLEAR:
                 best.setdefault(change.flight, change)
         first = next(iter(best.values()), None)
         if first is None:
             continue
         alike = [(c, float(np.sign(c.size @ first.size))) for c in best.values()]
-        if not both_ways:
+        if not both_signs:
             alike = [(c, sign) for c, sign in alike if sign > 0.0]
         for n in range(2, min(len(alike), _TOGETHER) + 1):
             made.append((tuple(c for c, _ in alike[:n]), np.array([sign for _, sign in alike[:n]])))
@@ -210,8 +210,10 @@ def confined(flights: Flights, variant: Variant) -> Variant | None:
         order = np.argsort(-sign * sizes)
         explained = np.cumsum(sign * with_difference[order])
         explained = np.maximum(explained, 0.0) ** 2 / np.maximum(np.cumsum(with_itself[order]), 1e-30)
-        most = int(np.argmax(explained))
-        best = max(best, (float(explained[most]), tuple(sorted(flights[i].name for i in order[: most + 1]))))
+        best_count = int(np.argmax(explained))
+        best = max(
+            best, (float(explained[best_count]), tuple(sorted(flights[i].name for i in order[: best_count + 1])))
+        )
     on = best[1]
     if not 1 < len(on) < len(flights):
         return None

@@ -9,13 +9,12 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.inputs import DrivenChannel, driven_channels
+from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.signals import (
     CHANNELS_OF,
     CONTROLS,
     UNITS,
     Column,
-    beside,
     coefficients,
     each_slope,
     gathered,
@@ -25,8 +24,9 @@ from structsel.effects.signals import (
     mean_slope,
     moves,
     reach,
+    scaled_coefficients,
     scaled_slopes,
-    scaled_whole,
+    without_linear_part,
 )
 from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
@@ -72,15 +72,15 @@ def _bends(flights: Flights) -> list[Variant]:
             term = _LAW_TERMS[name].format(control)
             made.append(_bent(flights, control, column, name, term))
             made.append(_bent(flights, control, column, name, term, main))
-            fitted = beside(flights, column, CHANNELS_OF[main[0]])
+            fitted = without_linear_part(flights, column, CHANNELS_OF[main[0]])
             made.append(_bent(flights, control, fitted, f"{name}, linear terms fitted without it", term))
-        for share in _THRESHOLDS:
-            column = _beyond(control, share * largest)
-            shape = {"beyond": share * largest}
-            term = f"sign({control})*(abs({control}) - {share * largest!r})+"
+        for fraction in _THRESHOLDS:
+            column = _beyond(control, fraction * largest)
+            shape = {"beyond": fraction * largest}
+            term = f"sign({control})*(abs({control}) - {fraction * largest!r})+"
             made.append(_bent(flights, control, column, "beyond a deflection", term, shape=shape))
             made.append(_bent(flights, control, column, "beyond a deflection", term, main, shape))
-    return made + [v for one in driven_channels(flights) for v in _bent_inputs(flights, one)]
+    return made + [v for one in channels_with_input(flights) for v in _bent_inputs(flights, one)]
 
 
 def _bent_inputs(flights: Flights, one: DrivenChannel) -> list[Variant]:
@@ -90,14 +90,14 @@ def _bent_inputs(flights: Flights, one: DrivenChannel) -> list[Variant]:
     largest = float(np.abs(recorded - middle).max())
     made = []
     for name, law in _LAWS.items():
-        made.append(_bent_input(one, partial(_share_lost, law=law, largest=largest), middle, name))
-    for share in _THRESHOLDS:
-        start = share * largest
+        made.append(_bent_input(one, partial(_fraction_lost, law=law, largest=largest), middle, name))
+    for fraction in _THRESHOLDS:
+        start = fraction * largest
         made.append(_bent_input(one, partial(_excess, start=start), middle, "beyond a deflection", {"beyond": start}))
     return made
 
 
-def _share_lost(d: Array, law: Callable[[Array], Array], largest: float) -> Array:
+def _fraction_lost(d: Array, law: Callable[[Array], Array], largest: float) -> Array:
     return largest * law(d / largest)
 
 
@@ -127,7 +127,7 @@ def _bent_input(
 
 def _power(control: str, law: Callable[[Array], Array], largest: float) -> Column:
     """Loss of deflection [rad], such that one is the whole of the largest."""
-    return lambda flight: _share_lost(flight[control], law, largest)
+    return lambda flight: _fraction_lost(flight[control], law, largest)
 
 
 def _beyond(control: str, start: float) -> Column:
@@ -159,7 +159,7 @@ def _bent(
 
 
 def _needs_bend(flights: Flights) -> str:
-    if driven_channels(flights):
+    if channels_with_input(flights):
         return ""
     gone = lacking(flights)
     if gone:
@@ -225,7 +225,7 @@ def _fall_about(mean: float) -> Column:
     return column
 
 
-def _stretches(flights: Flights) -> list[Variant]:
+def _linkage_variants(flights: Flights) -> list[Variant]:
     made = []
     for control in _used(flights):
         moved = held(flights, CONTROLS[control])
@@ -252,7 +252,7 @@ def _flexes(flights: Flights) -> list[Variant]:
                 (held(flights, LATERAL_COEFFICIENTS), None, "the lateral slopes", 0.0),
             )
         ]
-        made.append(scaled_whole(flights, every, fall, parameter, f"all coefficients but CX; {about}"))
+        made.append(scaled_coefficients(flights, every, fall, parameter, f"all coefficients but CX; {about}"))
         # The wing gives way otherwise than the tail, and may bring its lift forward as well as back.
         made += [
             each_slope(flights, fall, _own_loss, f"each slope by its own{which}; {about}", at, law)
@@ -275,15 +275,15 @@ def _needs_pressure(flights: Flights) -> str:
     return ""
 
 
-def _needs_stretch(flights: Flights) -> str:
+def _needs_linkage(flights: Flights) -> str:
     return _needs_pressure(flights) or ("" if _used(flights) else "a control (de, da, dr) that moves")
 
 
 def _says_loss(found: FittedEffect) -> str:
     names = [p.name for p in found.variant.parameters]
-    shares = [f"{name.removesuffix(_LOSS)}{found.text(name, 100.0, '%')}" for name in names]
+    fractions = [f"{name.removesuffix(_LOSS)}{found.text(name, 100.0, '%')}" for name in names]
     who = f"Effectiveness of {names[0].split()[0]} falls" if names[0].split()[0] in CONTROLS else "Slopes fall"
-    return f"{who} with dynamic pressure: lost at its mean {', '.join(shares)} ({found.variant.about})."
+    return f"{who} with dynamic pressure: lost at its mean {', '.join(fractions)} ({found.variant.about})."
 
 
 EFFECTS: tuple[Effect, ...] = (
@@ -302,8 +302,8 @@ EFFECTS: tuple[Effect, ...] = (
         "control-stretch",
         "structural",
         "The linkage of a control gives way, so that its effectiveness falls with dynamic pressure.",
-        _needs_stretch,
-        _stretches,
+        _needs_linkage,
+        _linkage_variants,
         _says_loss,
         look_alikes=("compressibility", "flexibility", "wrong-derivative", "control-nonlinearity"),
         separated_by="The same control input over a sweep of speed, and at one Mach number at two heights.",

@@ -87,10 +87,10 @@ def _when(changes: Sequence[SoughtChange]) -> str:
 
 def _says_configuration(found: FittedEffect) -> str:
     if "duration" in found.variant.shape:
-        told = [f"{phrase} by {found.text(name)}" for name, phrase in _PHRASES.items()]
-        return f"The configuration changed, unrecorded, in {found.variant.about}: {', '.join(told)}."
-    told = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
-    return f"Forces follow {found.variant.about}, of which the simulation does not know enough: {', '.join(told)}."
+        changes = [f"{phrase} by {found.text(name)}" for name, phrase in _PHRASES.items()]
+        return f"The configuration changed, unrecorded, in {found.variant.about}: {', '.join(changes)}."
+    values = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
+    return f"Forces follow {found.variant.about} otherwise than in the simulation: {', '.join(values)}."
 
 
 # --- a load let go ---------------------------------------------------------------------------------------------------
@@ -104,7 +104,7 @@ _RELEASE = (
     EffectParameter("trim", "-", 0.005, -0.1, 0.1),
 )
 _WHERE = {"near the middle": 0.0, "along the span": 1.2}
-"""What a share of mass takes with it of the inertia about x and z; of that about y half as much."""
+"""Fraction of the inertia about x and z that goes with a fraction of mass; of that about y half as much."""
 
 
 def _releases(flights: Flights) -> list[Variant]:
@@ -117,7 +117,7 @@ def _releases(flights: Flights) -> list[Variant]:
             _seconds(one),
             f"{_when(one)}, from {place}",
         )
-        for one, _ in [*alone(changes), *together(changes, both_ways=False)]
+        for one, _ in [*alone(changes), *together(changes, both_signs=False)]
         for place, inertia in _WHERE.items()
     ]
 
@@ -127,21 +127,21 @@ def _released(along: Column, inertia: float) -> Callable[[Flight], Columns]:
         x = along(flight)
         if not x.any():
             return {}
-        told = {r: flight.told(r) if r in flight.simulated else np.zeros(len(flight)) for r in COEFFICIENTS}
+        simulated = {r: flight.predicted(r) if r in flight.simulated else np.zeros(len(flight)) for r in COEFFICIENTS}
         tilt, CT = flight.aircraft.thrust.inclination, flight["CT"]
         # Weighed as before, the aircraft seems to feel more force, and more moment, than it does.
         parts = [
-            ("CX", 0, x * (told["CX"] + CT * np.cos(tilt))),
-            ("CY", 0, x * told["CY"]),
-            ("CZ", 0, x * (told["CZ"] - CT * np.sin(tilt))),
-            ("Cl", 0, inertia * x * told["Cl"]),
-            ("Cm", 0, 0.5 * inertia * x * told["Cm"]),
-            ("Cn", 0, inertia * x * told["Cn"]),
+            ("CX", 0, x * (simulated["CX"] + CT * np.cos(tilt))),
+            ("CY", 0, x * simulated["CY"]),
+            ("CZ", 0, x * (simulated["CZ"] - CT * np.sin(tilt))),
+            ("Cl", 0, inertia * x * simulated["Cl"]),
+            ("Cm", 0, 0.5 * inertia * x * simulated["Cm"]),
+            ("Cn", 0, inertia * x * simulated["Cn"]),
             *from_lift_and_drag(flight, 1, CD=-x),
-            ("Cm", 2, x * told["CZ"]),
-            ("Cn", 2, -x * told["CY"] * flight.aircraft.cbar / flight.aircraft.b),
-            ("Cl", 3, -x * told["CZ"]),
-            ("Cn", 3, x * told["CX"]),
+            ("Cm", 2, x * simulated["CZ"]),
+            ("Cn", 2, -x * simulated["CY"] * flight.aircraft.cbar / flight.aircraft.b),
+            ("Cl", 3, -x * simulated["CZ"]),
+            ("Cn", 3, x * simulated["CX"]),
             ("Cm", 4, x),
         ]
         return signature(flight, len(_RELEASE), parts)
@@ -151,10 +151,10 @@ def _released(along: Column, inertia: float) -> Callable[[Flight], Columns]:
 
 def _says_release(found: FittedEffect) -> str:
     mass, drag = found.text("mass", 100.0, "%"), found.text("drag", 1e4, "counts")
-    forward, aside = found.text("dx", 100.0, "% cbar"), found.text("dy", 100.0, "% of the span")
+    forward, sideways = found.text("dx", 100.0, "% cbar"), found.text("dy", 100.0, "% of the span")
     return (
         f"A load left the aircraft in {found.variant.about}: mass falls by {mass} of the rest, drag by {drag}, and the "
-        f"centre of gravity moves by {forward} and {aside} to the side."
+        f"centre of gravity moves by {forward} and {sideways} to the side."
     )
 
 
@@ -192,7 +192,7 @@ EFFECTS: tuple[Effect, ...] = (
         _releases,
         _says_release,
         look_alikes=("configuration-change", "mass-error", "cg-shift"),
-        separated_by="Pulls before and after: a lighter aircraft feels more at the same lift.",
+        separated_by="Pull-ups before and after: a lighter aircraft has a larger load factor at the same lift.",
         check="The flight log at that time; mass by weighing after landing.",
         log_prior=-2.0,
         event=True,

@@ -52,7 +52,7 @@ def ice_variants(flights: Flights) -> list[Variant]:
 
 
 def _other_ices(flights: Flights, slope: float, zero: float, longest: float) -> list[Variant]:
-    """Growing ice that takes power of the controls, lies on one wing, or brings the stall.
+    """Growing ice that reduces the power of the controls, lies on one wing, or causes the stall.
 
     Ice that does not change in time is not among them: in calm flights a wrong scale of a vane has the same form.
     """
@@ -82,7 +82,7 @@ def _before(clock: Mapping[str, tuple[float, float]], end: float) -> Column:
 
 
 def _growing(onset: float, longest: float, only: str = "") -> Column:
-    """From a share of the longest manoeuvre's time on, one being the whole of it."""
+    """From a fraction of the longest manoeuvre's duration on, in units of this duration."""
 
     def column(flight: Flight) -> Array:
         if only not in ("", flight.name):
@@ -97,11 +97,11 @@ def _settling(constant: float) -> Column:
 
 
 def _clock(flights: Flights) -> dict[str, tuple[float, float]]:
-    """Start and end of each manoeuvre on the clock of all, from nought to one; by their order where it is not told."""
+    """Start and end of each manoeuvre on the common clock, from zero to one; by their order where it is not known."""
     starts = [float(f.t[0]) for f in flights]
     if all(later >= before.t[-1] for before, later in zip(flights, starts[1:])):
-        first, whole = starts[0], float(flights[-1].t[-1]) - starts[0]
-        return {f.name: ((f.t[0] - first) / whole, (f.t[-1] - first) / whole) for f in flights}
+        first, duration = starts[0], float(flights[-1].t[-1]) - starts[0]
+        return {f.name: ((f.t[0] - first) / duration, (f.t[-1] - first) / duration) for f in flights}
     return {f.name: (k / len(flights), (k + 1) / len(flights)) for k, f in enumerate(flights)}
 
 
@@ -110,8 +110,8 @@ def _since(clock: Mapping[str, tuple[float, float]], begin: float, end: float) -
 
     def column(flight: Flight) -> Array:
         first, last = clock.get(flight.name, (0.0, 0.0))
-        share = (flight.t - flight.t[0]) / max(flight.t[-1] - flight.t[0], 1e-9)
-        return np.clip((first + (last - first) * share - begin) / (end - begin), 0.0, 1.0)
+        fraction = (flight.t - flight.t[0]) / max(flight.t[-1] - flight.t[0], 1e-9)
+        return np.clip((first + (last - first) * fraction - begin) / (end - begin), 0.0, 1.0)
 
     return column
 

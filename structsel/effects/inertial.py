@@ -1,7 +1,7 @@
 """Mass, its centre and its spread: other than stated, burning away, shifting or swinging.
 
-What is measured rests on the stated mass and inertia. What the true ones add is told by the *simulated* forces and
-moments, never the measured ones: noise must not meet itself.
+The measured coefficients depend on the stated mass and inertia. Increments by the true ones are computed from the
+*simulated* forces and moments, never the measured ones, whose noise would occur twice.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.operators import onsets, oscillate, peaks, shape_of, since, spaced, told_onsets
+from structsel.effects.operators import onsets, onsets_in_words, oscillate, peaks, shape_of, since, spaced
 from structsel.effects.signals import Parts, coefficients, held, lacking, of_parts
 from structsel.nomenclature import FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.air_data import cross
@@ -23,15 +23,15 @@ from structsel.numerics.rigid_body import angular_acceleration, inertial_moment,
 _SLOSH = (0.25, 2.0)  # Hz
 _SLOSH_FREQUENCIES = 17  # 14 % apart, as far as the wider of the resonances is wide
 _SLOSH_DAMPINGS = (0.025, 0.08)
-_BESIDE = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
+_AROUND = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
 _ONSETS = 4  # manoeuvres in which the centre of gravity may move
 
 
 # Mass
 
 
-def _heavier(flight: Flight, j: int, share: Array | float) -> Parts:
-    return [(r, j, -share * C) for r, C in zip(FORCE_COEFFICIENTS, flight.forces)]
+def _heavier(flight: Flight, j: int, fraction: Array | float) -> Parts:
+    return [(r, j, -fraction * C) for r, C in zip(FORCE_COEFFICIENTS, flight.forces)]
 
 
 def _burnt(flight: Flight) -> Array:
@@ -49,23 +49,23 @@ def _place_in(flights: Flights) -> Callable[[Flight], float]:
 
 
 def _mass_variants(flights: Flights) -> list[Variant]:
-    share = EffectParameter("share", "-", 0.06, -0.5, 0.5, of_outcome=True)
-    made = [of_parts((share,), lambda f: _heavier(f, 0, 1.0), "in all manoeuvres")]
+    fraction = EffectParameter("fraction", "-", 0.06, -0.5, 0.5, of_outcome=True)
+    made = [of_parts((fraction,), lambda f: _heavier(f, 0, 1.0), "in all manoeuvres")]
     if len(flights) > 2:
         place = _place_in(flights)
-        growth = EffectParameter("share from first to last", "-", 0.1, -0.5, 0.5)
+        growth = EffectParameter("fraction from first to last", "-", 0.1, -0.5, 0.5)
         made.append(of_parts((growth,), lambda f: _heavier(f, 0, place(f)), "growing from manoeuvre to manoeuvre"))
         made.append(
             of_parts(
-                (share, growth), lambda f: [*_heavier(f, 0, 1.0), *_heavier(f, 1, place(f))],
+                (fraction, growth), lambda f: [*_heavier(f, 0, 1.0), *_heavier(f, 1, place(f))],
                 "off, and growing from manoeuvre to manoeuvre",
             )
         )  # fmt: skip
     if len({float(f.t[0]) for f in flights}) > 1:
         first = min(float(f.t[0]) for f in flights)
-        rate = EffectParameter("share per min", "1/min", 0.005, -0.1, 0.1)
+        rate = EffectParameter("fraction per min", "1/min", 0.005, -0.1, 0.1)
         made.append(of_parts((rate,), lambda f: _heavier(f, 0, (f.t - first) / 60.0), "growing with the time of day"))
-    within = EffectParameter("share per min", "1/min", 0.02, -0.3, 0.3)
+    within = EffectParameter("fraction per min", "1/min", 0.02, -0.3, 0.3)
     made.append(of_parts((within,), lambda f: _heavier(f, 0, _burnt(f)), "growing within each manoeuvre as fuel burns"))
     return made
 
@@ -73,7 +73,7 @@ def _mass_variants(flights: Flights) -> list[Variant]:
 def _mass_says(found: FittedEffect) -> str:
     amounts = [
         found.text(p.name, 100.0, "%" if p.unit == "-" else "% per min")
-        + p.name.removeprefix("share").removesuffix(" per min")
+        + p.name.removeprefix("fraction").removesuffix(" per min")
         for p in found.variant.parameters
     ]
     return f"The mass is off by {' and '.join(amounts)} of what is stated ({found.variant.about})."
@@ -94,7 +94,7 @@ def _off_centre(
 
     Thrust takes part where its line stays; where that is stated from the centre of gravity, it moves as well.
     """
-    arm = cross(np.eye(3)[axis], flight.forces if pushed else [flight.told(c) for c in FORCE_COEFFICIENTS])
+    arm = cross(np.eye(3)[axis], flight.forces if pushed else [flight.predicted(c) for c in FORCE_COEFFICIENTS])
     lengths = (flight.aircraft.b, flight.aircraft.cbar, flight.aircraft.b)
     much = 1.0 if on is None else on(flight)
     return [(r, j, -much * m / length) for r, m, length in zip(MOMENT_COEFFICIENTS, arm, lengths)]
@@ -105,7 +105,7 @@ def _off_centres(flight: Flight, axes: Sequence[int], pushed: bool) -> Parts:
 
 
 def _off_centre_in(flight: Flight, axis: int, moment: str) -> Parts:
-    """One moment of the air's forces alone, where a simulation's own is told for that axis only."""
+    """One moment of the air's forces alone, where the simulation has a moment about that axis only."""
     return [part for part in _off_centre(flight, 0, axis, pushed=False) if part[0] == moment]
 
 
@@ -134,7 +134,7 @@ def _shift_variants(flights: Flights) -> list[Variant]:
             made.append(
                 of_parts(
                     (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=partial(since, times=times)),
-                    told_onsets(times), (), shape, dict.fromkeys(shape, "s"),
+                    onsets_in_words(times), (), shape, dict.fromkeys(shape, "s"),
                 )
             )  # fmt: skip
         if len(flights) > 2:
@@ -162,7 +162,7 @@ def _shift_says(found: FittedEffect) -> str:
 
 
 def turning(flight: Flight) -> tuple[Array, ...]:
-    """Angular acceleration that the simulated moments would give; measured about axes it does not tell."""
+    """Angular acceleration that the simulated moments would give; measured about the other axes."""
     aircraft = flight.aircraft
     assert aircraft.inertia is not None
     rates = (flight["p"], flight["q"], flight["r"])
@@ -170,10 +170,10 @@ def turning(flight: Flight) -> tuple[Array, ...]:
     read = inertial_moment(
         rates, tuple(flight[f"{c}_dot"] for c in "pqr"), aircraft.inertia.tensor, aircraft.engine.angular_momentum
     )
-    pull = thrust_moment(flight["thrust"], aircraft.thrust.offset, aircraft.thrust.inclination)
+    thrust_moments = thrust_moment(flight["thrust"], aircraft.thrust.offset, aircraft.thrust.inclination)
     moment = [
-        flight.told(r) * qS * length + T if r in flight.simulated else M
-        for r, length, T, M in zip(MOMENT_COEFFICIENTS, (aircraft.b, aircraft.cbar, aircraft.b), pull, read)
+        flight.predicted(r) * qS * length + T if r in flight.simulated else M
+        for r, length, T, M in zip(MOMENT_COEFFICIENTS, (aircraft.b, aircraft.cbar, aircraft.b), thrust_moments, read)
     ]
     return angular_acceleration(rates, moment, aircraft.inertia.tensor, aircraft.engine.angular_momentum)
 
@@ -235,24 +235,24 @@ def _inertia_says(found: FittedEffect) -> str:
 def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Parts:
     force = flight.forces[axis]
     qS, aircraft = flight["qbar"] * flight.aircraft.S, flight.aircraft
-    # A mass on a pendulum does not go with the aircraft: its share of the force comes late and rings.
+    # A mass on a pendulum does not go with the aircraft: its part of the force is delayed and oscillates.
     accel = force * qS / flight["mass"]
-    late = -(oscillate(accel, flight.dt, frequency, damping) - accel) * flight["mass"] / qS
+    swinging = -(oscillate(accel, flight.dt, frequency, damping) - accel) * flight["mass"] / qS
     if axis == 1:
-        return [("CY", 0, late), ("Cl", 1, late / aircraft.b), ("Cn", 2, late / aircraft.b)]
-    return [(FORCE_COEFFICIENTS[axis], 0, late), ("Cm", 1, late / aircraft.cbar)]
+        return [("CY", 0, swinging), ("Cl", 1, swinging / aircraft.b), ("Cn", 2, swinging / aircraft.b)]
+    return [(FORCE_COEFFICIENTS[axis], 0, swinging), ("Cm", 1, swinging / aircraft.cbar)]
 
 
 def _slosh_variants(flights: Flights) -> list[Variant]:
     aircraft = flights[0].aircraft
-    share = EffectParameter("share of the mass", "-", 0.05, -0.3, 0.3)
+    fraction = EffectParameter("fraction of the mass", "-", 0.05, -0.3, 0.3)
     arm = 0.03 * aircraft.b
-    side = (share, EffectParameter("roll arm", "m", arm), EffectParameter("yaw arm", "m", arm))
-    pitch = (share, EffectParameter("pitch arm", "m", 0.05 * aircraft.cbar))
+    side = (fraction, EffectParameter("roll arm", "m", arm), EffectParameter("yaw arm", "m", arm))
+    pitch = (fraction, EffectParameter("pitch arm", "m", 0.05 * aircraft.cbar))
     made = []
     for axis, parameters, name in ((1, side, "sideways"), (0, pitch, "fore and aft")):
         seen = peaks(flights, (FORCE_COEFFICIENTS[axis],), 3, *_SLOSH)
-        near = [x * by for x in seen for by in _BESIDE]
+        near = [x * by for x in seen for by in _AROUND]
         for frequency in [
             *near,
             *(x for x in spaced(*_SLOSH, _SLOSH_FREQUENCIES) if all(abs(np.log(x / y)) > 0.1 for y in seen)),
@@ -299,7 +299,7 @@ EFFECTS: tuple[Effect, ...] = (
         "slosh", "inertial", "Fuel or a slung load swings, lightly damped.",
         lambda fs: "" if {"CY", "CX"} & set(coefficients(fs)) else "a simulated CY or CX", _slosh_variants,
         lambda found: f"A mass swings {found.variant.about} at {found.text('frequency')}, "
-        f"{found.text('share of the mass', 100.0, '%')} of all.",
+        f"{found.text('fraction of the mass', 100.0, '%')} of all.",
         look_alikes=("structural-mode", "wrong-derivative"),
         separated_by="the same manoeuvre with full and with half-full tanks",
         check="baffles, and the fill of the tanks",

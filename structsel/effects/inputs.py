@@ -43,13 +43,13 @@ class DrivenChannel:
         return self.of(change) if self.response in flight.measured else np.zeros(len(flight))
 
 
-def driven_channels(flights: Flights) -> list[DrivenChannel]:
+def channels_with_input(flights: Flights) -> list[DrivenChannel]:
     """Of every simulated channel, its response to the input of its plant, or to each control at once."""
     made = []
     for response in answers(flights):
         plant = find_plant(flights, response)
         if plant.source and not plant.along and not of_vehicle(flights):
-            made.append(DrivenChannel(response, plant.source, plant.driven, plant))
+            made.append(DrivenChannel(response, plant.source, plant.response_to, plant))
         elif of_vehicle(flights):
             made += _at_once(flights, response)
     return made

@@ -24,9 +24,9 @@ def latched_variants(flights: Flights, top: float) -> list[Variant]:
         for r, sd in (("CZ", 0.3 * factor), ("CX", 0.1 * factor), ("Cm", 0.05 * factor))
     )
     made = []
-    for share in _LATCHING:
+    for fraction in _LATCHING:
         for below in _RELEASING:
-            onset = share * top
+            onset = fraction * top
             columns = partial(latched, onset=onset, release=below * onset)
             shape = {"onset": onset, "release": below * onset}
             made.append(Variant(parameters, columns, shape, dict.fromkeys(shape, "rad"), LATCH))

@@ -55,8 +55,8 @@ def _wake(angle: str, length: str, moved: tuple[str, ...], chords: float | None)
             hat = flight[f"{angle}_dot_hat"]
         else:
             # The wake of the wing reaches the tail after it has travelled there; per hat like the derivative.
-            way = chords * flight.aircraft.cbar / float(flight["V"].mean())
-            hat = (x - delayed(x, flight.dt, way)) / way * getattr(flight.aircraft, length) / (2.0 * flight["V"])
+            time = chords * flight.aircraft.cbar / float(flight["V"].mean())
+            hat = (x - delayed(x, flight.dt, time)) / time * getattr(flight.aircraft, length) / (2.0 * flight["V"])
         return signature(flight, len(moved), [(r, j, hat) for j, r in enumerate(moved)])
 
     return columns
@@ -91,20 +91,20 @@ def _wakes(parameters: tuple[EffectParameter, ...], angle: str, length: str, mov
     for chords in _TAIL_CHORDS:
         columns = _wake(angle, length, moved, chords)
         model = partial(_wake_model, angle=angle, length=length, moved=moved)
-        shape, units = {"way": chords}, {"way": "chords"}
+        shape, units = {"distance": chords}, {"distance": "chords"}
         made.append(Variant(parameters, columns, shape, units, "as a delay", term, model=model))
     return made
 
 
 def _wake_model(case: ModelCase, angle: str, length: str, moved: tuple[str, ...]) -> ModelForm:
     """A wake that reaches the tail after it has travelled there."""
-    chords = case.quantity("way")
-    way = case.quantity("way", case.aircraft.cbar, "m")
+    chords = case.quantity("distance")
+    distance = case.quantity("distance", case.aircraft.cbar, "m")
     # The rate is the change over the time that the wake travels; by the hat it is made dimensionless with.
     size = getattr(case.aircraft, length) / (2.0 * chords.value * case.aircraft.cbar)
     term = Term(f"({angle} - {angle}_late)")
     terms = {c: {term: size * one_hot(j, len(moved))} for j, c in enumerate(moved)}
-    return ModelForm(states={f"{angle}_late": State("delay", angle, {"distance": way})}, terms=terms)
+    return ModelForm(states={f"{angle}_late": State("delay", angle, {"distance": distance})}, terms=terms)
 
 
 def _wake_says(found: FittedEffect) -> str:
@@ -126,8 +126,8 @@ def _building(flight: Flight, parts: tuple[tuple[float, float], ...]) -> Columns
 def _lift_variants(flights: Flights) -> list[Variant]:
     # Suction at the leading edge and the tail's moment build up otherwise than the lift, or not at all.
     parameters = (
-        EffectParameter("share", "-", 0.7, 0.2, 2.0),
-        *(EffectParameter(f"share of the {what}", "-", 0.7, -1.0, 2.0) for what in ("axial force", "moment")),
+        EffectParameter("fraction", "-", 0.7, 0.2, 2.0),
+        *(EffectParameter(f"fraction of the {what}", "-", 0.7, -1.0, 2.0) for what in ("axial force", "moment")),
     )
     made = [
         Variant(
@@ -139,7 +139,7 @@ def _lift_variants(flights: Flights) -> list[Variant]:
         for name, parts in _INDICIAL.items()
     ]
     for chords in _LIFT_CHORDS:
-        # A = 1 makes it a lag of all the lift; the share says of how much.
+        # A = 1 makes it a lag of all the lift; the fraction says of how much.
         parts = ((1.0, 0.5 / chords),)
         columns, shape, units = partial(_building, parts=parts), {"lag": chords}, {"lag": "chords"}
         made.append(Variant(parameters, columns, shape, units, "one lag", model=_building_model))
@@ -149,18 +149,20 @@ def _lift_variants(flights: Flights) -> list[Variant]:
 def _building_model(case: ModelCase, parts: tuple[tuple[float, float], ...] = ()) -> ModelForm:
     """Part of the angle of attack acts late: indicial parts as given, else one lag as estimated."""
     cbar = case.aircraft.cbar
-    late = [(A, Quantity(cbar / (2.0 * b), unit="m")) for A, b in parts] or [(1.0, case.quantity("lag", cbar, "m"))]
+    lags = [(A, Quantity(cbar / (2.0 * b), unit="m")) for A, b in parts] or [(1.0, case.quantity("lag", cbar, "m"))]
     states: dict[str, State] = {}
     replaced: dict[str, dict[str, str]] = {}
     for name, what, responses in (
-        ("share", "lift", ("CZ", "CL")), ("share of the axial force", "axial", ("CX", "CD")),
-        ("share of the moment", "moment", ("Cm",)),
+        ("fraction", "lift", ("CZ", "CL")), ("fraction of the axial force", "axial", ("CX", "CD")),
+        ("fraction of the moment", "moment", ("Cm",)),
     ):  # fmt: skip
-        share, mine = case.quantity(name), []
-        for k, (A, way) in enumerate(late, 1):
-            mine.append(f"alpha_{what}{k if len(late) > 1 else ''}")
+        fraction, mine = case.quantity(name), []
+        for k, (A, distance) in enumerate(lags, 1):
+            mine.append(f"alpha_{what}{k if len(lags) > 1 else ''}")
             states[mine[-1]] = State(
-                "lag", "alpha", {"distance": way, "fraction": Quantity(share.value * A, share.std * A, share.unit)}
+                "lag",
+                "alpha",
+                {"distance": distance, "fraction": Quantity(fraction.value * A, fraction.std * A, fraction.unit)},
             )
         formula = " + ".join(mine) + f" - {len(mine) - 1}*alpha" * (len(mine) > 1)
         replaced |= {c: {"alpha": formula} for c in responses if c in case.base}
@@ -169,7 +171,8 @@ def _building_model(case: ModelCase, parts: tuple[tuple[float, float], ...] = ()
 
 def _lift_says(found: FittedEffect) -> str:
     how = f"over {found.text('lag')} of travel" if "lag" in found.estimates else f"like the {found.variant.about}"
-    return f"Lift follows the angle of attack late, {how}: a share of {found.text('share')} builds up with time."
+    fraction = found.text("fraction")
+    return f"Lift follows the angle of attack with a delay, {how}: a fraction of {fraction} builds up with time."
 
 
 # Rotor inflow
@@ -190,8 +193,8 @@ def _inflow(flight: Flight, tau: float, controls: list[str]) -> Columns:
             behind = {c: (first_order_lag(flight[c], flight.dt, tau) - flight[c]) / tau for c in controls}
             parts += [(r, 0, flight.slope(r, c) * x) for c, x in behind.items()]
         elif r in flight.simulated:
-            told = flight.told(r)
-            parts.append((r, 0, (first_order_lag(told, flight.dt, tau) - told) / tau))
+            simulated = flight.predicted(r)
+            parts.append((r, 0, (first_order_lag(simulated, flight.dt, tau) - simulated) / tau))
     return signature(flight, 1, parts)
 
 
@@ -210,8 +213,8 @@ def _rotor_variants(flights: Flights) -> list[Variant]:
 def _rotor_needs(flights: Flights) -> str:
     if not _is_rotor(flights):
         return "a rotor: one of the channels collective, dcol, dlon, dlat, rotor_rpm"
-    told = coefficients(flights) or [r for f in flights for r in f.simulated]
-    return "" if told else "a simulated response"
+    responses = coefficients(flights) or [r for f in flights for r in f.simulated]
+    return "" if responses else "a simulated response"
 
 
 EFFECTS: tuple[Effect, ...] = (
@@ -226,7 +229,7 @@ EFFECTS: tuple[Effect, ...] = (
         "sidewash-lag", "memory", "The sidewash reaches the fin late.",
         lambda fs: lacking(fs, ("Cn", "CY"), ("beta",)), _sidewash_variants, _wake_says,
         look_alikes=("wrong-derivative", "sensor-delay"),
-        separated_by="flat yawing beside rolling into steady turns: the sideslip rate must differ from the yaw rate",
+        separated_by="flat yawing, and rolling into steady turns: the sideslip rate must differ from the yaw rate",
         check="whether the simulation has derivatives by the rate of sideslip",
     ),
     Effect(

@@ -1,4 +1,4 @@
-"""Building blocks of what an effect is in an aerodynamic model: states after controls, derivatives of terms.
+"""Building blocks of effects in an aerodynamic model: states after controls, derivatives of terms.
 
 The aircraft file of JSBSim with the effect follows from the same form: terms become functions of the aerodynamics, a
 state between a control and its terms becomes a flight control channel.
@@ -32,7 +32,7 @@ def state_after(
     suffix : str
         Of the states' names.
     parameters : callable
-        Of the state. A parameter "share" of the effect is added.
+        Of the state. A parameter "fraction" of the effect is added.
     """
 
     def model(case: ModelCase) -> ModelForm | None:
@@ -40,8 +40,8 @@ def state_after(
         if not names:
             return None
         given = dict(parameters(case))
-        if "share" in case.estimates:
-            given["fraction"] = case.quantity("share")
+        if "fraction" in case.estimates:
+            given["fraction"] = case.quantity("fraction")
         states = {name: State(kind, control, given) for control, name in names.items()}
         return ModelForm(states=states, replaced=dict.fromkeys(case.base, names))
 

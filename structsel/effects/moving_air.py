@@ -77,7 +77,7 @@ def moving_air(flight: Flight, wind: Array) -> dict[str, Array]:
 
 
 def channels_in_wind(flights: Flights) -> dict[str, Added]:
-    """Simulated channels that a wind changes, and what it adds to each."""
+    """Simulated channels that a wind changes, and the increment of each."""
     made: dict[str, Added] = {}
     for response in answers(flights):
         if response in OVER_GROUND:

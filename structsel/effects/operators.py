@@ -17,6 +17,7 @@ __all__ = [
     "changes",
     "more_and_more",
     "onsets",
+    "onsets_in_words",
     "oscillate",
     "peaks",
     "pulse",
@@ -26,12 +27,11 @@ __all__ = [
     "since",
     "spaced",
     "step_at",
-    "told_onsets",
 ]
 
 _BINS = 256
 _ROUNDING = 1e-9  # of the rms of a response: differences below are rounding, and their spectrum has peaks of its own
-_EDGE = 0.08  # of a manoeuvre at either end, where a step cannot be told from the free mean and trend
+_EDGE = 0.08  # of a manoeuvre at either end, where a step cannot be separated from the free mean and trend
 
 
 def spaced(low: float, high: float, count: int) -> list[float]:
@@ -111,7 +111,7 @@ def since(flight: Flight, times: Mapping[str, float]) -> Array | float:
     return step_at(flight.t, times[flight.name]) if flight.name in times else 0.0
 
 
-def told_onsets(times: Mapping[str, float]) -> str:
+def onsets_in_words(times: Mapping[str, float]) -> str:
     """In words."""
     return ", ".join(f"in '{where}' from {when:.1f} s on" for where, when in times.items())
 

@@ -24,7 +24,6 @@ from structsel.effects.model_forms import one_hot
 from structsel.effects.signals import (
     CHANNELS_OF,
     Column,
-    beside,
     coefficients,
     held,
     lacking,
@@ -36,11 +35,12 @@ from structsel.effects.signals import (
     term_sd,
     term_text,
     variation,
+    without_linear_part,
 )
 from structsel.nomenclature import COEFFICIENTS, LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
-_KNOWN_SHARE = 0.01  # of a response's variation, that a linear term of the simulation carries at least
+_KNOWN_FRACTION = 0.01  # of a response's variation, that a linear term of the simulation carries at least
 _POWERS = (("alpha", "alpha"), ("alpha", "alpha", "alpha"))
 _LONGITUDINAL_PRODUCTS = (("alpha", "q_hat"), ("alpha", "de"), ("de", "de"), ("alpha", "alpha", "de"))
 _SIDE_POWERS = (("beta", "beta", "beta"),)
@@ -60,7 +60,7 @@ _GROUPS = (
     (("alpha", "beta"), LATERAL_COEFFICIENTS),
     (("alpha", "p_hat"), ("Cl", "Cn")), (("alpha", "r_hat"), ("Cl", "Cn")),
 )  # fmt: skip
-_ORDINARY = 6  # most channels of a recording that is no aircraft's, of which powers and products are tried
+_ORDINARY = 6  # maximum number of channels of other plants whose powers and products are tried
 
 
 def _others(flights: Flights) -> tuple[str, ...]:
@@ -83,15 +83,15 @@ def _one(response: str, column: Column, parameter: EffectParameter, about: str, 
     return Variant((parameter,), columns, about=about, terms=terms)
 
 
-def _term(flights: Flights, response: str, channels: Sequence[str], share: float = 0.3) -> Variant:
+def _term(flights: Flights, response: str, channels: Sequence[str], fraction: float = 0.3) -> Variant:
     text, column = term_text(channels), product(channels)
-    parameter = EffectParameter(f"{response}: {text}", per_unit(channels), term_sd(flights, response, column, share))
+    parameter = EffectParameter(f"{response}: {text}", per_unit(channels), term_sd(flights, response, column, fraction))
     return _one(response, column, parameter, f"{text} in {response}", (text,))
 
 
 def _refitted(flights: Flights, response: str, channels: Sequence[str]) -> Variant:
     text = term_text(channels)
-    column = beside(flights, product(channels), CHANNELS_OF.get(response, tuple(dict.fromkeys(channels))))
+    column = without_linear_part(flights, product(channels), CHANNELS_OF.get(response, tuple(dict.fromkeys(channels))))
     parameter = EffectParameter(f"{response}: {text}", per_unit(channels), term_sd(flights, response, column, 0.3))
     return _one(response, column, parameter, f"{text} in {response}, linear terms fitted without it", (text,))
 
@@ -115,8 +115,8 @@ def _tried(flights: Flights, channels: Sequence[str]) -> bool:
 
 def _asks(flights: Flights, response: str, channel: str) -> bool:
     """Whether the simulation has a linear term that can be seen."""
-    told = abs(mean_slope(flights, response, channel)) * spread(flights, channel)
-    return told > _KNOWN_SHARE * variation(flights, response)
+    linear = abs(mean_slope(flights, response, channel)) * spread(flights, channel)
+    return linear > _KNOWN_FRACTION * variation(flights, response)
 
 
 # --- a wrong value ---------------------------------------------------------------------------------------------------
@@ -132,7 +132,7 @@ def _wrong_values(flights: Flights) -> list[Variant]:
                 continue
             if _asks(flights, response, channel):
                 made.append(_wrong_value(flights, response, channel))
-                if (scaled := _whole_scaled(flights, response, channel)) is not None:
+                if (scaled := _scaled_response(flights, response, channel)) is not None:
                     made.append(scaled)
     for response in _others(flights):
         made += [_term(flights, response, (c,)) for c in _inputs(flights, response)]
@@ -146,8 +146,8 @@ def _wrong_value(flights: Flights, response: str, channel: str) -> Variant:
     return _one(response, product((channel,)), parameter, f"{channel} in {response}", (channel,))
 
 
-def _whole_scaled(flights: Flights, response: str, channel: str) -> Variant | None:
-    """All that the simulation makes of a channel by one factor; None where that is nearly its linear term."""
+def _scaled_response(flights: Flights, response: str, channel: str) -> Variant | None:
+    """All terms of a channel by one factor; None where these are nearly its linear term."""
     if flights[0].surrogate is None:
         return None
 
@@ -155,18 +155,20 @@ def _whole_scaled(flights: Flights, response: str, channel: str) -> Variant | No
         s = flight.surrogate
         if s is None or response not in s.terms:
             return np.zeros(len(flight))
-        told = [v * s.column(flight, term) for term, v in zip(s.terms[response], s.values[response]) if channel in term]
-        return np.sum(told, axis=0) if told else np.zeros(len(flight))
+        parts = [
+            v * s.column(flight, term) for term, v in zip(s.terms[response], s.values[response]) if channel in term
+        ]
+        return np.sum(parts, axis=0) if parts else np.zeros(len(flight))
 
-    if spread(flights, beside(flights, part, (channel,))) < 0.1 * spread(flights, part):
+    if spread(flights, without_linear_part(flights, part, (channel,))) < 0.1 * spread(flights, part):
         return None
     parameter = EffectParameter(f"{response}_{channel} relative", "-", 0.3, -1.5, 1.5)
     variant = _one(response, part, parameter, f"all of {channel} in {response}", (channel,))
-    model = partial(_whole_scaled_model, response=response, channel=channel)
+    model = partial(_scaled_response_model, response=response, channel=channel)
     return replace(variant, model=model, words={"scaled": f"{channel} in {response}"})
 
 
-def _whole_scaled_model(case: ModelCase, response: str, channel: str) -> ModelForm | None:
+def _scaled_response_model(case: ModelCase, response: str, channel: str) -> ModelForm | None:
     """Every term of the response that contains the channel, by one factor."""
     if response not in case.base:
         return None
@@ -179,8 +181,8 @@ def _says_value(found: FittedEffect) -> str:
     name = found.variant.parameters[0].name
     value = found.text(name)
     if name.endswith(" relative"):
-        share = found.text(name, 100.0, "%")
-        return f"What the simulation makes of {found.variant.words['scaled']} is off by {share}."
+        fraction = found.text(name, 100.0, "%")
+        return f"The simulated effect of {found.variant.words['scaled']} is off by {fraction}."
     return f"The simulation has a wrong value for {found.variant.about}: it should be changed by {value}."
 
 

@@ -44,7 +44,7 @@ def _forced(
     unit: str = "of the response's rms",
     alone: bool = False,
 ) -> Variant:
-    """A missing force, with what stiffness, damping and gain may be off beside it, unless it is to stand alone.
+    """A missing force, with errors of stiffness, damping and gain, unless it is to be alone.
 
     With inertia as well, forces along the measured motion would give that motion back, and explain anything. A force
     that the motion needs is larger by what acts against it.
@@ -52,19 +52,19 @@ def _forced(
     stiffness = EffectParameter("stiffness", "input per response", 0.2 * plant.stiffness)
     damping = EffectParameter("damping", "input per rate", 0.05 * plant.stiffness * plant.motion / plant.speed)
     off = [stiffness, damping] if plant.is_placed else [damping]
-    beside = off if plant.swings and not alone else []
-    # What accelerates a motion is told apart from its own gain by nothing but noise.
-    gain = [EffectParameter("gain", "relative", 0.05)] if beside and not plant.along else []
-    parameters = (parameter, *beside, *gain)
+    further = off if plant.swings and not alone else []
+    # A force that accelerates a motion differs from its own gain by noise only.
+    gain = [EffectParameter("gain", "relative", 0.05)] if further and not plant.along else []
+    parameters = (parameter, *further, *gain)
 
     def columns(flight: Flight) -> Columns:
         if plant.response not in flight.measured:
             return {}
         y, v = plant.path(flight)
-        forces = [force(y, v), *([y, v] if plant.is_placed else [v])[: len(beside)]]
+        forces = [force(y, v), *([y, v] if plant.is_placed else [v])[: len(further)]]
         made = [plant.under(plant.sense * f) for f in forces]
-        told = flight.simulated[plant.response]
-        return {plant.response: np.column_stack([*made, *([told - told.mean()] if gain else [])])}
+        simulated = flight.simulated[plant.response]
+        return {plant.response: np.column_stack([*made, *([simulated - simulated.mean()] if gain else [])])}
 
     units = dict.fromkeys(shape or {}, unit)
     of = next(filter(None, plant.along)) if plant.along else plant.response
@@ -105,12 +105,12 @@ def _friction(flights: Flights) -> list[Variant]:
     made = []
     for plant in _pushed(flights):
         parameter = EffectParameter("force", "input", 0.3 * plant.size, 0.0)
-        for share in (0.03, 0.1, 0.3):
-            smooth = share * plant.speed
-            made.append(_forced(plant, parameter, partial(_dry, slow=smooth), "dry friction", {"rounding": share}))
-        for share in (0.3, 1.0):
-            law = partial(_stribeck, slow=share * plant.speed)
-            made.append(_forced(plant, parameter, law, "friction that falls with speed", {"speed": share}))
+        for fraction in (0.03, 0.1, 0.3):
+            smooth = fraction * plant.speed
+            made.append(_forced(plant, parameter, partial(_dry, slow=smooth), "dry friction", {"rounding": fraction}))
+        for fraction in (0.3, 1.0):
+            law = partial(_stribeck, slow=fraction * plant.speed)
+            made.append(_forced(plant, parameter, law, "friction that falls with speed", {"speed": fraction}))
     return made
 
 
@@ -118,19 +118,19 @@ def _hysteresis(flights: Flights) -> list[Variant]:
     made = []
     for plant in _pushed(flights, placed=True):
         parameter = EffectParameter("force", "input per response", 0.5 * plant.stiffness)
-        for share in spaced(0.2, 6.4, 6):
+        for fraction in spaced(0.2, 6.4, 6):
             for angle in np.radians(_PATHS):
                 gamma, delta = float(np.cos(angle)), float(np.sin(angle))
-                if gamma + delta < 0.0 and share < 1.0:
+                if gamma + delta < 0.0 and fraction < 1.0:
                     continue  # it hardens, within bounds only while the motion is small
-                size = share * plant.motion
+                size = fraction * plant.motion
 
                 def force(y: Array, v: Array, s: float = size, g: float = gamma, d: float = delta) -> Array:
                     made = np.empty(len(y))
                     _bouc_wen(np.ascontiguousarray(y), s, g, d, made)
                     return made
 
-                shape = {"scale": share, "gamma": gamma, "delta": delta}
+                shape = {"scale": fraction, "gamma": gamma, "delta": delta}
                 made.append(_forced(plant, parameter, force, "force that depends on the path", shape))
     return made
 
@@ -141,9 +141,9 @@ def _bouc_wen(y, scale, gamma, delta, made):  # type: ignore[no-untyped-def]  # 
     z = 0.0
     made[0] = z
     for k in range(1, y.size):
-        way = y[k] - y[k - 1]
-        parts = 2 + int(4.0 * abs(way) * (abs(gamma) + abs(delta)) / scale)
-        step = way / parts
+        travelled = y[k] - y[k - 1]
+        parts = 2 + int(4.0 * abs(travelled) * (abs(gamma) + abs(delta)) / scale)
+        step = travelled / parts
         for _ in range(parts):
             # Midpoint: the law bends at each reversal.
             half = z + 0.5 * (step - (gamma * abs(step) * z + delta * step * abs(z)) / scale)
@@ -152,15 +152,15 @@ def _bouc_wen(y, scale, gamma, delta, made):  # type: ignore[no-untyped-def]  # 
 
 
 def _saturation(flights: Flights) -> list[Variant]:
-    share = EffectParameter("share", "-", 1.0, 0.5, 1.5)
+    fraction = EffectParameter("fraction", "-", 1.0, 0.5, 1.5)
     made = []
     for response in answers(flights):
         plant = find_plant(flights, response)
         held = [f for f in flights if response in f.simulated]
-        told = np.concatenate([f.simulated[response] for f in held])
+        simulated = np.concatenate([f.simulated[response] for f in held])
         read = np.concatenate([f.measured[response] for f in held])
         for side, extreme in (("upper", np.max), ("lower", np.min)):
-            middle, end = float(np.median(told)), float(extreme(told))
+            middle, end = float(np.median(simulated)), float(extreme(simulated))
             levels = [middle + s * (end - middle) for s in (0.4, 0.55, 0.7, 0.8, 0.9)] + [float(extreme(read))]
             for level in levels:
                 ends = (-np.inf, level) if side == "upper" else (level, np.inf)
@@ -170,7 +170,7 @@ def _saturation(flights: Flights) -> list[Variant]:
 
                 words = {"channel": response, "side": f"{side} side"}
                 about = f"{response}, {side} side"
-                made.append(Variant((share,), cut, {"limit": level}, {"limit": ""}, about, words=words))
+                made.append(Variant((fraction,), cut, {"limit": level}, {"limit": ""}, about, words=words))
         for moved in find_plants(flights, response):
             made += _end_stops(moved, held)
         if plant.source:
@@ -181,11 +181,11 @@ def _saturation(flights: Flights) -> list[Variant]:
                     if p.response not in f.simulated:
                         return {}
                     u = f.raw[p.source]
-                    return {p.response: p.driven(np.clip(u, -x, x) - u)[:, None]}
+                    return {p.response: p.response_to(np.clip(u, -x, x) - u)[:, None]}
 
                 made.append(
                     Variant(
-                        (share,),
+                        (fraction,),
                         stopped,
                         {"limit": s * largest},
                         {"limit": ""},
@@ -213,13 +213,13 @@ def _end_stops(plant: Plant, flights: Flights) -> list[Variant]:
         for limit in sorted({float(x) for x in np.quantile(reach, _REACHED)}):
             if limit > 0.0:
                 force = partial(law, limit=limit)
-                # A stop that one manoeuvre runs into is an event: no other foretells it.
+                # A stop that one manoeuvre reaches is an event: no other predicts it.
                 once = sum(bool(force(x, x).any()) for x in paths) == 1
                 made.append(_forced(plant, parameter, force, f"a stop {side}", {"limit": limit}, "", once))
     return made
 
 
-def late_answers(flights: Flights) -> list[Variant]:
+def delayed_answers(flights: Flights) -> list[Variant]:
     """Lags and delays of a plant's input; through a linear or quasi-steady plant they are those of its answer.
 
     With the gain: a simulation that was fitted without the lag answers too weakly.
@@ -234,9 +234,9 @@ def late_answers(flights: Flights) -> list[Variant]:
                 def behind(f: Flight, r: str = response, g: Callable = operator, x: float = tau) -> Columns:
                     if r not in f.simulated:
                         return {}
-                    told = f.simulated[r]
-                    answer = g(told, f.dt, x)
-                    return {r: np.column_stack([(answer - told) / x, answer])}
+                    simulated = f.simulated[r]
+                    answer = g(simulated, f.dt, x)
+                    return {r: np.column_stack([(answer - simulated) / x, answer])}
 
                 parameters = (
                     EffectParameter(name, "s", tau, 0.5 * tau, 1.5 * tau),
@@ -252,10 +252,10 @@ def _needs(flights: Flights) -> str:
 
 def _limit_says(found: FittedEffect) -> str:
     if "stop" in found.estimates:
-        return f"The motion runs into {found.variant.about} at {found.text('limit')}, where the simulation goes on."
+        return f"The motion runs into {found.variant.about} at {found.text('limit')}, where the simulation continues."
     words = found.variant.words
     limit = found.text("limit")
-    return f"{words['channel']} stops at {limit} ({words['side']}), beyond which the simulation goes on."
+    return f"{words['channel']} stops at {limit} ({words['side']}), beyond which the simulation continues."
 
 
 EFFECTS: tuple[Effect, ...] = (

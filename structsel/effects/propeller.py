@@ -24,7 +24,7 @@ _PLACES = (
     ("at the tailplane", _TAIL), ("over the wing", _WING), ("at the fin, turning", _FIN),
     ("over wing and tailplane", _TAIL + _WING),
 )  # fmt: skip
-_BESIDE_CONTROLS: tuple[tuple[str, tuple[Term, ...]], ...] = (
+_WITH_CONTROLS: tuple[tuple[str, tuple[Term, ...]], ...] = (
     ("over the controls", ()), ("over tailplane and controls", _TAIL),
     ("over wing, tailplane and controls", _TAIL + _WING), ("over all of the aircraft", _TAIL + _WING + _FIN),
 )  # fmt: skip
@@ -68,7 +68,7 @@ def _each(about: str, each: Sequence[Term]) -> Variant:
 
 
 def _washed(f: Flight, each: Sequence[Term]) -> list[tuple[str, int, Array]]:
-    """More dynamic pressure at the tail: the controls' share of all coefficients grows with CT, beside other terms."""
+    """More dynamic pressure at the tail: the part of the controls grows with CT, in addition to other terms."""
     controls = [
         (r, 0, f["CT"] * sum(f.slope(r, c) * f[c] for c in ("de", "dr") if c in f.recorded))
         for r in COEFFICIENTS
@@ -84,7 +84,7 @@ def slipstream_variants(flights: Flights) -> list[Variant]:
     if any(moves(flights, c) for c in ("de", "dr")):
         made += [
             of_parts((power, *_parameters(each)), partial(_washed, each=each), about, _terms(each, "CT*de", "CT*dr"))
-            for about, each in _BESIDE_CONTROLS
+            for about, each in _WITH_CONTROLS
         ]
     return made + [
         _each(about, each) for about, each in _PARTS if all(moves(flights, x) for _, c, _ in each for x in c)

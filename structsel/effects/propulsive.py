@@ -1,4 +1,4 @@
-"""What propulsion does beside its declared thrust along its declared line."""
+"""Effects of propulsion in addition to its declared thrust along its declared line."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ import numpy as np
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, ModelCase, ModelForm, Variant
-from structsel.effects.operators import onsets, shape_of, since, spaced, told_onsets
+from structsel.effects.operators import onsets, onsets_in_words, shape_of, since, spaced
 from structsel.effects.propeller import propeller_variants, slipstream_variants
 from structsel.effects.signals import Parts, available, gathered, lacking, moves, of_parts
+from structsel.effects.wording import percent
 from structsel.model import State
 from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
@@ -67,7 +68,7 @@ def _parts(flights: Flights) -> tuple[str, ...]:
 
 
 def _scale_variants(flights: Flights) -> list[Variant]:
-    share = EffectParameter("share", "-", 0.15, -0.8, 0.8)
+    fraction = EffectParameter("fraction", "-", 0.15, -0.8, 0.8)
     V, T = float(gathered(flights, "V").mean()), float(np.abs(gathered(flights, "thrust")).max())
 
     def more(f: Flight, part: str) -> Parts:
@@ -75,14 +76,14 @@ def _scale_variants(flights: Flights) -> list[Variant]:
 
     return [
         *(
-            of_parts((share,), partial(more, part=part), f"all of it, {part}" if part else "all of it", ("CT",))
+            of_parts((fraction,), partial(more, part=part), f"all of it, {part}" if part else "all of it", ("CT",))
             for part in _parts(flights)
         ),
         of_parts(
-            (share,), lambda f: _along_thrust(f, f["CT"] * (f["V"] / V - 1.0)), "growing with speed", ("CT*V", "CT")
+            (fraction,), lambda f: _along_thrust(f, f["CT"] * (f["V"] / V - 1.0)), "growing with speed", ("CT*V", "CT")
         ),
         of_parts(
-            (share,), lambda f: _along_thrust(f, f["CT"] * f["thrust"] / T), "growing with thrust", ("CT*thrust",)
+            (fraction,), lambda f: _along_thrust(f, f["CT"] * f["thrust"] / T), "growing with thrust", ("CT*thrust",)
         ),
     ]
 
@@ -97,14 +98,14 @@ def _lag_variants(flights: Flights) -> list[Variant]:
             of_parts(
                 (EffectParameter("lag", "s", tau, 0.4 * tau, 1.7 * tau),), partial(behind, tau=tau, part=part), part
             ),
-            model=partial(_late_thrust_model, axial=part == _AXIAL),
+            model=partial(_lagged_thrust_model, axial=part == _AXIAL),
         )
         for part in _parts(flights)
         for tau in spaced(0.1, 6.0, 11)
     ]
 
 
-def _late_thrust_model(case: ModelCase, axial: bool) -> ModelForm | None:
+def _lagged_thrust_model(case: ModelCase, axial: bool) -> ModelForm | None:
     if case.estimates["lag"].value <= 0.0:
         return None
     line, aircraft = case.aircraft.thrust, case.aircraft
@@ -181,13 +182,13 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
     if {"thrust_left", "thrust_right"} <= flights[0].recorded:
 
         def halves(f: Flight) -> list[tuple[str, int, Array]]:
-            apart = (f["thrust_left"] - f["thrust_right"]) / (f["qbar"] * f.aircraft.S)
-            return [("Cn", 0, apart / aircraft.b), ("Cl", 1, apart)]
+            difference = (f["thrust_left"] - f["thrust_right"]) / (f["qbar"] * f.aircraft.S)
+            return [("Cn", 0, difference / aircraft.b), ("Cl", 1, difference)]
 
         made.append(of_parts((arm, roll), halves, "as recorded left and right"))
     for times in onsets(flights, ("Cn", "Cl"), _ONSETS):
         shape, columns = shape_of(times), partial(from_then_on, times=times)
-        made.append(of_parts((arm, roll), columns, told_onsets(times), (), shape, dict.fromkeys(shape, "s")))
+        made.append(of_parts((arm, roll), columns, onsets_in_words(times), (), shape, dict.fromkeys(shape, "s")))
     return made
 
 
@@ -214,14 +215,14 @@ EFFECTS: tuple[Effect, ...] = (
     Effect(
         "thrust-scale", "propulsive", "The thrust is larger or smaller than stated.",
         _thrust_needs(("CX",)), _scale_variants,
-        lambda found: f"The thrust is off by {found.text('share', 100.0, '%')} of the stated ({found.variant.about}).",
+        lambda found: f"The thrust is off by {percent(found, 'fraction')} of the stated ({found.variant.about}).",
         look_alikes=("thrust-lag", "drag-polar", "mass-error"),
         separated_by="throttle steps at one angle of attack",
         check="the thrust table, or the torque and fuel flow behind it",
     ),
     Effect(
-        "thrust-lag", "propulsive", "The thrust follows the throttle, or what is recorded of it, late.",
-        _thrust_needs(("CX",)), _lag_variants, lambda found: f"The thrust comes late, by a lag of {found.text('lag')}.",
+        "thrust-lag", "propulsive", "The thrust follows the throttle, or its recorded position, with a lag.",
+        _thrust_needs(("CX",)), _lag_variants, lambda found: f"The thrust follows with a lag of {found.text('lag')}.",
         look_alikes=("thrust-scale", "drag-polar"),
         separated_by="sharp throttle steps up and down",
         check="how the thrust channel is made: from the lever or the engine",

@@ -12,7 +12,7 @@ from structsel.effects.base import FittedEffect, Flights, ModelCase, ModelForm, 
 from structsel.effects.model_forms import state_after
 from structsel.effects.operators import spaced
 from structsel.effects.signals import gathered
-from structsel.effects.surfaces import ALL, SHARE, actuated, departure, displaced, followed, used_controls
+from structsel.effects.surfaces import ALL, FRACTION, actuated, departure, displaced, followed, used_controls
 from structsel.effects.wording import SURFACES, shown
 from structsel.numerics.arrays import Array
 from structsel.numerics.compiling import njit
@@ -34,15 +34,15 @@ def rate_variants(flights: Flights) -> list[Variant]:
         for limit in spaced(slowest, 0.85 * fastest, count):
             made.append(
                 Variant(
-                    (SHARE,),
+                    (FRACTION,),
                     followed(control, partial(actuated, rate=limit)),
                     {"rate": limit}, {"rate": "rad/s"}, SURFACES[control],
                     model=state_after([control], "rate limit", "limited", lambda case: {"rate": case.quantity("rate")}),
                 )
             )  # fmt: skip
         for limit in spaced(2.0 * slowest, 0.7 * fastest, 3):
-            for way, up, down in (("up", limit, np.inf), ("down", np.inf, limit)):
-                made.append(_rated((control,), partial(_slewing, up=up, down=down), limit, f", {way} only"))
+            for direction, up, down in (("up", limit, np.inf), ("down", np.inf, limit)):
+                made.append(_rated((control,), partial(_slewing, up=up, down=down), limit, f", {direction} only"))
             made.append(_rated((control,), partial(actuated, lag=_LAGGING, rate=limit), limit, f", {_LAGGED}"))
     controls = used_controls(flights)
     if len(controls) > 1:
@@ -56,7 +56,7 @@ def _rated(
 ) -> Variant:
     columns = displaced(*((c, 0, departure(c, operator)) for c in controls))
     about = (SURFACES[controls[0]] if len(controls) == 1 else ALL) + more
-    return Variant((SHARE,), columns, {"rate": limit}, {"rate": "rad/s"}, about, model=_no_model)
+    return Variant((FRACTION,), columns, {"rate": limit}, {"rate": "rad/s"}, about, model=_no_model)
 
 
 def _no_model(case: ModelCase) -> ModelForm | None:
@@ -81,5 +81,5 @@ def _slew(x, up, down, made):  # type: ignore[no-untyped-def]  # pragma: no cove
 def rate_says(found: FittedEffect) -> str:
     """The sentence of a rate limit."""
     if found.variant.about.startswith(ALL):
-        return f"Each surface moves no faster than {shown(found, 'rate')}, less than was asked of it."
-    return f"The {found.variant.about} moves no faster than {shown(found, 'rate')}, less than was asked of it."
+        return f"Each surface moves no faster than {shown(found, 'rate')}, slower than its command."
+    return f"The {found.variant.about} moves no faster than {shown(found, 'rate')}, slower than its command."

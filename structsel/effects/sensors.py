@@ -31,7 +31,7 @@ _AXES = "xyz"
 _ZERO = {"V": (2.0, "m/s"), "alpha": (0.02, "rad"), "beta": (0.02, "rad")}
 """Usual size of the reading where the truth is zero."""
 _MIXED = (("ax", "az"), ("ay", "az"), ("r", "p"), ("p", "r"))
-"""Channels that take a share of another, without that one taking any of theirs."""
+"""Channels that contain a fraction of another, which contains nothing of theirs."""
 
 
 def _needs(channels: Sequence[str]) -> Callable[[Flights], str]:
@@ -97,7 +97,7 @@ def _delay_variants(flights: Flights) -> list[Variant]:
     single = present(flights, (*AIR, *INERTIAL, *ATTITUDE, "de", "da", "dr"))
     groups: list[tuple[tuple[str, ...], str]] = [((c,), INSTRUMENTS[c]) for c in single]
     air = tuple(c for c in AIR if c in single)
-    # Gyros that are late together are a tolerance; what is left of them beside that is their noise.
+    # A common delay of the gyros is a tolerance; their residual is noise.
     for channels, name in ((air, "the air data"), (INERTIAL[:3], "the accelerometers")):
         if len(channels) > 1 and set(channels) <= {*single}:
             groups.append((channels, name))
@@ -107,7 +107,7 @@ def _delay_variants(flights: Flights) -> list[Variant]:
             made.append(
                 Variant(
                     (EffectParameter("delay", "s", tau, 0.5 * tau, 1.6 * tau),),
-                    wrong_readings(partial(_late_readings, channels=channels, tau=tau)),
+                    wrong_readings(partial(_delayed_readings, channels=channels, tau=tau)),
                     about=name,
                     words={"be": "are" if len(channels) > 1 else "is"},
                 )
@@ -115,18 +115,18 @@ def _delay_variants(flights: Flights) -> list[Variant]:
     return made
 
 
-def _late_readings(flight: Flight, channels: Sequence[str], tau: float) -> list[Errors]:
+def _delayed_readings(flight: Flight, channels: Sequence[str], tau: float) -> list[Errors]:
     made: dict[str, Array | float] = {}
     for c in channels:
         x = reading(flight, c)
-        # Told by others it is true now, and read `tau` later; as read now it was true `tau` ago.
-        told = c in flight.inertial or c in flight.expected
-        made[c] = (delayed(x, flight.dt, tau) - x if told else x - delayed(x, flight.dt, -tau)) / tau
+        # Predicted by others it is the value now, read `tau` later; a reading is the value `tau` ago.
+        predicted = c in flight.inertial or c in flight.expected
+        made[c] = (delayed(x, flight.dt, tau) - x if predicted else x - delayed(x, flight.dt, -tau)) / tau
     return [made]
 
 
 def _delay_says(found: FittedEffect) -> str:
-    return f"{capital(found)} {found.variant.words['be']} late by {found.text('delay')}."
+    return f"{capital(found)} {found.variant.words['be']} delayed by {found.text('delay')}."
 
 
 # Places
@@ -224,7 +224,7 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
         "the gyros": (INERTIAL[3:],),
         "the inertial unit": (INERTIAL[:3], INERTIAL[3:]),
     }
-    turning = EffectParameter("share", "rad", 0.02, -0.15, 0.15)
+    turning = EffectParameter("fraction", "rad", 0.02, -0.15, 0.15)
     made = []
     for name, parts in triads.items():
         if not all(available(flights, c) for part in parts for c in part):
@@ -242,7 +242,10 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
     for one, other in _MIXED:
         if available(flights, one) and available(flights, other):
             taken = wrong_readings(partial(_taken_in, one=one, other=other))
-            about, words = f"{INSTRUMENTS[one]} alone, by a share of {other}", {"one": INSTRUMENTS[one], "other": other}
+            about, words = (
+                f"{INSTRUMENTS[one]} alone, by a fraction of {other}",
+                {"one": INSTRUMENTS[one], "other": other},
+            )
             made.append(Variant((turning,), taken, about=about, words=words))
     if available(flights, "alpha") and available(flights, "beta"):
         made.append(
@@ -257,9 +260,9 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
 
 
 def _misalignment_says(found: FittedEffect) -> str:
-    if "share" in found.estimates:
+    if "fraction" in found.estimates:
         one, other = found.variant.words["one"], found.variant.words["other"]
-        return f"{one[0].upper()}{one[1:]} takes a share of {other}, as if turned by {shown(found, 'share')}."
+        return f"{one[0].upper()}{one[1:]} contains a fraction of {other}, as if turned by {shown(found, 'fraction')}."
     by = ", ".join(f"{shown(found, f'about {x}')} about body {x}" for x in _AXES if f"about {x}" in found.estimates)
     return f"{capital(found)} {found.variant.words['be']} mounted turned by {by}."
 

@@ -1,4 +1,4 @@
-"""What hypotheses share: which channels cover what over all flights, and how signatures are put together."""
+"""Ranges of channels over all flights, and construction of signatures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Parts = Iterable[tuple[str, int, Array]]
 
 
 def available(flights: Flights, channel: str) -> bool:
-    """Whether every flight has a channel, or what it is made of."""
+    """Whether every flight has a channel, or its source."""
     source = _SOURCE.get(channel, channel)
     return all(source in f.recorded or (channel in f and channel not in _SOURCE) for f in flights)
 
@@ -92,14 +92,14 @@ def lacking(flights: Flights, responses: Sequence[str] = COEFFICIENTS, channels:
 
 def mean_slope(flights: Flights, response: str, channel: str) -> float:
     """Simulation's derivative, averaged over all flights; zero where it does not ask for the channel."""
-    told = [f.slope(response, channel).mean() for f in flights if response in f.measured]
-    return float(np.mean(told)) if told else 0.0
+    slopes = [f.slope(response, channel).mean() for f in flights if response in f.measured]
+    return float(np.mean(slopes)) if slopes else 0.0
 
 
-def term_sd(flights: Flights, response: str, column: str | Column, share: float) -> float:
-    """Coefficient with which a column makes up `share` of a response's variation."""
+def term_sd(flights: Flights, response: str, column: str | Column, fraction: float) -> float:
+    """Coefficient with which a column makes up `fraction` of a response's variation."""
     size = spread(flights, column)
-    return share * variation(flights, response) / size if size > 0.0 else 0.0
+    return fraction * variation(flights, response) / size if size > 0.0 else 0.0
 
 
 def signature(flight: Flight, k: int, parts: Parts) -> dict[str, Array]:
@@ -119,7 +119,7 @@ def of_parts(
     shape: Mapping[str, float] | None = None,
     units: Mapping[str, str] | None = None,
 ) -> Variant:
-    """A form of which the parts are told; see `signature`."""
+    """A form of stated parts; see `signature`."""
 
     def columns(flight: Flight) -> Columns:
         return signature(flight, len(parameters), parts(flight))
@@ -136,9 +136,9 @@ def from_lift_and_drag(
 
 
 def lift(flight: Flight) -> Array:
-    """Lift coefficient as simulated; where the simulation does not tell it, as measured."""
-    CZ = flight.told("CZ")
-    CX = flight.told("CX")
+    """Lift coefficient as simulated; where it is not simulated, as measured."""
+    CZ = flight.predicted("CZ")
+    CX = flight.predicted("CX")
     return lift_and_drag(CX, 0.0, CZ, flight["alpha"])[0]
 
 
@@ -150,8 +150,8 @@ def lift_line(flights: Flights) -> tuple[float, float]:
     return slope, float(gathered(flights, "alpha").mean() - gathered(flights, lift).mean() / slope)
 
 
-def beside(flights: Flights, column: Column, channels: Sequence[str]) -> Column:
-    """The column less its projection on linear terms: what is left where a simulation was fitted without it."""
+def without_linear_part(flights: Flights, column: Column, channels: Sequence[str]) -> Column:
+    """The column minus its projection on linear terms, as for a simulation that was fitted without it."""
     used = [c for c in channels if moves(flights, c)]
     if not used:
         return column
@@ -203,7 +203,7 @@ def scaled_slopes(
     """The simulation's slopes times `factor` by one ratio; None where it has none of them.
 
     `channels` are those of each response's own family where None; alpha counts from `zero`; `law` is the factor as
-    a term of a model, but for a constant.
+    a term of a model, except for a constant.
     """
     slopes = {
         (r, c): s
@@ -214,15 +214,15 @@ def scaled_slopes(
     return slopes_by_ratios([(parameter, slopes)], factor, about, zero, law) if slopes else None
 
 
-def scaled_whole(
+def scaled_coefficients(
     flights: Flights, responses: Sequence[str], factor: Column, parameter: EffectParameter, about: str
 ) -> Variant:
-    """Whole coefficients times `factor` by one ratio; never that along the body, which is drag and thrust first."""
+    """Coefficients times `factor` by one ratio; never that along the body, which is drag and thrust first."""
     moved = [r for r in responses if r != "CX"]
 
     def columns(flight: Flight) -> Columns:
         x = factor(flight)
-        return signature(flight, 1, [(r, 0, x * flight.told(r)) for r in moved])
+        return signature(flight, 1, [(r, 0, x * flight.predicted(r)) for r in moved])
 
     return Variant((parameter,), columns, about=about)
 

@@ -21,8 +21,8 @@ from structsel.effects.signals import (
     lift,
     lift_line,
     reach,
+    scaled_coefficients,
     scaled_slopes,
-    scaled_whole,
     signature,
 )
 from structsel.nomenclature import LONGITUDINAL_COEFFICIENTS
@@ -76,8 +76,10 @@ def _machs(flights: Flights) -> list[Variant]:
     wing = held(flights, LONGITUDINAL_COEFFICIENTS)
     for growth, about in _growths(flights):
         made += [_wing(flights, growth, about, start) for start in rises[:4]]
-        made += [_wing(flights, growth, about, rises[1], about_axis=True, whole=whole) for whole in (False, True)]
-        made.append(scaled_whole(flights, responses, growth, parameter, f"all coefficients but CX; {about}"))
+        made += [
+            _wing(flights, growth, about, rises[1], about_axis=True, all_lift=all_lift) for all_lift in (False, True)
+        ]
+        made.append(scaled_coefficients(flights, responses, growth, parameter, f"all coefficients but CX; {about}"))
         made.append(scaled_slopes(flights, responses, None, growth, parameter, f"all slopes; {about}", law=_GLAUERT))
         made.append(
             scaled_slopes(flights, wing, ("alpha",), growth, parameter, f"slopes with alpha; {about}", law=_GLAUERT)
@@ -114,11 +116,11 @@ def _drag_rise(start: float, power: int) -> Variant:
 
 
 def _wing(
-    flights: Flights, growth: Column, about: str, start: float, about_axis: bool = False, whole: bool = False
+    flights: Flights, growth: Column, about: str, start: float, about_axis: bool = False, all_lift: bool = False
 ) -> Variant:
     """Lift slope, aerodynamic centre and drag rise together; a lift growth of one is that of Prandtl and Glauert.
 
-    Incidence counts from that of no lift, or from the body's axis; `whole`: all of the lift grows.
+    The angle of attack counts from that of no lift, or from the body's axis; `all_lift`: all of the lift grows.
     """
     slope, zero = lift_line(flights)
     zero = 0.0 if about_axis else zero
@@ -131,7 +133,7 @@ def _wing(
     def columns(flight: Flight) -> Columns:
         x = growth(flight)
         turned = x * slope * (flight["alpha"] - zero)
-        grown = x * lift(flight) if whole else turned
+        grown = x * lift(flight) if all_lift else turned
         rise = np.maximum(flight["mach"] - start, 0.0) ** 2
         return signature(
             flight,
@@ -141,7 +143,7 @@ def _wing(
 
     shape = {"drag rise from Mach": start}
     terms = (f"alpha*{_GLAUERT}", _GLAUERT, "alpha", f"(mach - {start!r})+^2", "1")
-    of = "all of the lift" if whole else "lift from the body's axis" if about_axis else "lift"
+    of = "all of the lift" if all_lift else "lift from the body's axis" if about_axis else "lift"
     about = f"{of}, centre and drag; {about}"
     return Variant(parameters, columns, shape, {"drag rise from Mach": "-"}, about, terms)
 
@@ -159,10 +161,10 @@ def _needs_mach(flights: Flights) -> str:
 
 
 def _says_mach(found: FittedEffect) -> str:
-    told = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
+    values = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
     start = found.variant.shape.get("drag rise from Mach")
     above = f" above Mach {start:.2f}" if start is not None else ""
-    return f"Coefficients follow the Mach number{above} ({found.variant.about}): {', '.join(told)}."
+    return f"Coefficients follow the Mach number{above} ({found.variant.about}): {', '.join(values)}."
 
 
 # --- Reynolds number -------------------------------------------------------------------------------------------------
@@ -182,12 +184,12 @@ def _reynolds(flights: Flights) -> list[Variant]:
     drag = EffectParameter("drag per ln Re", "-", 0.006, -0.05, 0.0)
 
     def variant(
-        about: str, beside: Callable[[Flight, Array], Iterable[dict[str, Array]]], *more: EffectParameter
+        about: str, increments: Callable[[Flight, Array], Iterable[dict[str, Array]]], *more: EffectParameter
     ) -> Variant:
         def columns(flight: Flight) -> Columns:
             x = log_reynolds(flight) - mean
             parts = from_lift_and_drag(flight, 0, CD=x)
-            for j, increment in enumerate(beside(flight, x), 1):
+            for j, increment in enumerate(increments(flight, x), 1):
                 parts += from_lift_and_drag(flight, j, **increment)
             return signature(flight, 1 + len(more), parts)
 
@@ -227,8 +229,8 @@ def _needs_reynolds(flights: Flights) -> str:
 
 def _says_reynolds(found: FittedEffect) -> str:
     drag = found.text("drag per ln Re", 1e4 * np.log(1.1), "drag counts")
-    told = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters[1:]]
-    return f"Drag falls with Reynolds number: {drag} for each 10 %{''.join(f'; {x}' for x in told)}."
+    values = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters[1:]]
+    return f"Drag falls with Reynolds number: {drag} for each 10 %{''.join(f'; {x}' for x in values)}."
 
 
 SIMILARITY: tuple[Effect, ...] = (

@@ -40,8 +40,8 @@ from structsel.numerics.dynamic_elements import (
 
 _HIGH = 0.14  # rad, angle of attack below which wings do not stall
 _CHORDS = ((5.0, 4.0), (15.0, 4.0), (15.0, 12.0), (40.0, 10.0))  # tau1, tau2 in chords travelled
-_WHATEVER_THE_LIFT = "beyond attached flow, whatever the lift"
-_SHARP = 25.0  # 1/rad, of separation that acts on each coefficient by itself
+_INDEPENDENT = "beyond attached flow, independent of the lift"
+_SHARP = 25.0  # 1/rad, of separation that acts on each coefficient alone
 
 
 def _attached(flight: Flight, where: float, sharp: float, tau1: float, tau2: float) -> Array:
@@ -62,7 +62,7 @@ def _stalling(flight: Flight, where: float, sharp: float, tau1: float, tau2: flo
 
 
 def _separated(flight: Flight, where: float, tau1: float, tau2: float) -> Columns:
-    """Each coefficient by what is separated, whatever the lift."""
+    """Each coefficient by what is separated, independent of the lift."""
     X = _attached(flight, where, _SHARP, tau1, tau2)
     return signature(flight, 3, [("CZ", 0, 1.0 - X), ("CX", 1, X - 1.0), ("Cm", 2, X - 1.0)])
 
@@ -85,9 +85,7 @@ def _stall_variants(flights: Flights) -> list[Variant]:
         for tau1, tau2 in _CHORDS[:3]:
             shape = {"onset": float(onset), "sharpness": _SHARP, "tau1": tau1 * chord, "tau2": tau2 * chord}
             columns = partial(_separated, where=float(onset), tau1=tau1, tau2=tau2)
-            made.append(
-                Variant((lost, *parameters[1:]), columns, shape, units, _WHATEVER_THE_LIFT, model=_separated_model)
-            )
+            made.append(Variant((lost, *parameters[1:]), columns, shape, units, _INDEPENDENT, model=_separated_model))
         for sharp, beyond_steady in ((18.0, False), (40.0, False), (25.0, True)):
             for tau1, tau2 in _CHORDS:
                 shape = {"onset": float(onset), "sharpness": sharp, "tau1": tau1 * chord, "tau2": tau2 * chord}

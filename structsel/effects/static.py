@@ -11,7 +11,6 @@ from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffec
 from structsel.effects.signals import (
     Column,
     available,
-    beside,
     from_lift_and_drag,
     gathered,
     held,
@@ -20,13 +19,14 @@ from structsel.effects.signals import (
     lift_line,
     reach,
     signature,
+    without_linear_part,
 )
 from structsel.effects.similarity import SIMILARITY
 from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import lift_factor, steady_formula, steady_separation_point
 
-_INCIDENCE = 0.10  # rad, that a stall needs at least
+_LEAST_STALL_ANGLE = 0.10  # rad, that a stall needs at least
 _ANGLES = 7
 _SHARPNESS = (15.0, 30.0, 60.0)  # 1/rad, of the separation with angle of attack
 _DECAYS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0)  # of ground effect, per span of height
@@ -111,13 +111,15 @@ def _needs_stall(flights: Flights) -> str:
     gone = lacking(flights, LONGITUDINAL_COEFFICIENTS, ("alpha",))
     if gone:
         return gone
-    return "" if reach(flights, "alpha")[1] > _INCIDENCE else f"angle of attack above {_INCIDENCE:g} rad"
+    return (
+        "" if reach(flights, "alpha")[1] > _LEAST_STALL_ANGLE else f"angle of attack above {_LEAST_STALL_ANGLE:g} rad"
+    )
 
 
 def _says_stall(found: FittedEffect) -> str:
     angle = np.rad2deg(found.variant.shape["stall angle"])
-    told = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
-    return f"Above an angle of attack of {angle:.1f} deg the wing stalls ({found.variant.about}): {', '.join(told)}."
+    values = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
+    return f"Above an angle of attack of {angle:.1f} deg the wing stalls ({found.variant.about}): {', '.join(values)}."
 
 
 # --- ground ----------------------------------------------------------------------------------------------------------
@@ -203,7 +205,7 @@ def _polars(flights: Flights) -> list[Variant]:
         terms = ("alpha^2",) if where is None else ("CL^2", "CL", "1") if where else ("CL^2",)
         shape = {} if where is None else {"least drag at CL": where}
         made.append(_polar(law, about, shape, EffectParameter("drag", unit, sd), terms))
-        fitted = beside(flights, law, ("alpha", "V", "de", "q_hat"))
+        fitted = without_linear_part(flights, law, ("alpha", "V", "de", "q_hat"))
         about = f"{about}, linear terms fitted without it"
         made.append(
             _polar(fitted, about, shape, EffectParameter("drag", unit, sd), (*terms, "alpha", "V", "de", "q_hat"))
@@ -293,7 +295,7 @@ EFFECTS: tuple[Effect, ...] = (
         _polars,
         lambda found: f"Drag due to lift differs: {found.text('drag')} on the square ({found.variant.about}).",
         look_alikes=("thrust-scale", "missing-term", "sensor-misalignment"),
-        separated_by="Pushes and pulls over the whole range of lift at constant power.",
+        separated_by="Push-overs and pull-ups over the range of lift at constant power.",
         check="The polar's curvature: aspect ratio and span efficiency in the simulation.",
     ),
     Effect(

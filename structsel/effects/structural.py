@@ -11,7 +11,7 @@ import scipy
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import highest_of
 from structsel.effects.base import Columns, Effect, EffectParameter, Flights, Variant
-from structsel.effects.inputs import DrivenChannel, driven_channels
+from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.operators import oscillate, peaks
 from structsel.effects.readings import Errors, cannot_be_shifted, present, wrong_readings
 from structsel.effects.signals import coefficients, held, moves, signature, variation
@@ -19,7 +19,7 @@ from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIEN
 from structsel.numerics.arrays import Array
 
 _LOWEST = 0.8  # Hz
-_OF_BAND = 0.97  # a mode at the edge of what is compared is told from nothing by half of it
+_OF_BAND = 0.97  # half of a mode at the edge of the compared band is not separated from noise
 _PEAKS = 3
 _SPREAD = (1.5, 3.0)  # Hz, tried whatever the spectrum says
 _DAMPINGS = (0.01, 0.025, 0.06)  # of what bends: with more, a mode is any lag of second order
@@ -33,7 +33,7 @@ _RATIO, _SOUGHT = 1.03, 2  # of one frequency tried to the next, and how many ar
 
 
 def _through(one: DrivenChannel, frequency: float, damping: float) -> Callable[[Flight], Columns]:
-    """What a mode that an input excites adds to a channel, through the plant of that channel if it has one."""
+    """Contribution to a channel of a mode that an input excites, through the plant of that channel if it has one."""
 
     def columns(flight: Flight) -> Columns:
         if one.response not in flight.measured:
@@ -47,9 +47,9 @@ def _through(one: DrivenChannel, frequency: float, damping: float) -> Callable[[
 
 
 def _in_channels(flights: Flights) -> list[Variant]:
-    """Modes that the inputs of channels excite, but for that which a plant is itself."""
+    """Modes that the inputs of channels excite, except for that of the plant itself."""
     made = []
-    for one in driven_channels(flights):
+    for one in channels_with_input(flights):
         low = _PERIODS / min(len(f) * f.dt for f in flights)
         own = one.plant.frequency(flights[0].dt) if one.plant else 0.0
         found = peaks(flights, (one.response,), _PEAKS, low, _OF_BAND * min(highest_of(f) for f in flights))
@@ -68,7 +68,7 @@ def _ringing(responses: Sequence[str], drive: str, frequency: float, damping: fl
     def columns(flight: Flight) -> Columns:
         x, w = flight[drive], 2.0 * np.pi * frequency
         swung = oscillate(x, flight.dt, frequency, damping)
-        # The quasi-steady share of the mode is in the rigid derivatives already. Air is moved by the mode's speed,
+        # The quasi-steady part of the mode is in the rigid derivatives already. Air is moved by the mode's speed,
         # instruments are by what accelerates it.
         bent, moving = swung - x, flight.rate(swung) / w
         k = len(responses)
@@ -134,7 +134,7 @@ def _shaken(flight: Flight, channel: str, drive: str, frequency: float, damping:
 
 
 def _clearest(flights: Flights, responses: Sequence[str], drive: str, top: float) -> list[float]:
-    """Frequencies [Hz] of a mode with which a drive explains most of the differences, of each response by itself."""
+    """Frequencies [Hz] of a mode with which a drive explains most of the differences, of each response alone."""
     tried = np.geomspace(_LOWEST, top, max(3, 1 + int(np.log(top / _LOWEST) / np.log(_RATIO))))
     explained = np.zeros(len(tried))
     moved = [r for r in responses if all(r in f.measured for f in flights)]
@@ -161,7 +161,7 @@ def _size(flights: Flights, response: str, drive: str) -> float:
 
 
 def _needs(flights: Flights) -> str:
-    if driven_channels(flights):
+    if channels_with_input(flights):
         return ""
     if not coefficients(flights):
         return "simulated coefficients, or a simulated channel that an input drives"

@@ -1,4 +1,4 @@
-"""Surfaces that stand elsewhere than recorded, and what that adds to the coefficients."""
+"""Surfaces at other positions than recorded, and the increments of the coefficients."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Surface = Callable[[Flight], Array]
 
 ALL = "all surfaces"
 """What a form is about that takes each alike."""
-SHARE = EffectParameter("share", "-", 1.0, 0.5, 1.5)
+FRACTION = EffectParameter("fraction", "-", 1.0, 0.5, 1.5)
 
 
 def used_controls(flights: Flights) -> list[str]:
@@ -27,7 +27,7 @@ def used_controls(flights: Flights) -> list[str]:
 
 
 def displaced(*extras: tuple[str, int, Surface]) -> Callable[[Flight], Columns]:
-    """Columns of surfaces that stand elsewhere than recorded: control, place of the parameter, and by how much."""
+    """Columns of surfaces at other positions than recorded: control, place of the parameter, and displacement."""
     places = 1 + max(j for _, j, _ in extras)
 
     def columns(flight: Flight) -> Columns:
@@ -39,12 +39,12 @@ def displaced(*extras: tuple[str, int, Surface]) -> Callable[[Flight], Columns]:
 
 
 def departure(control: str, operator: Callable[[Array, Flight], Array], per: float = 1.0) -> Surface:
-    """By how much a surface that makes of its input what an operator does departs from it, per unit of `per`."""
+    """Difference between a surface, by an operator on its input, and the input, per unit of `per`."""
     return lambda f: (operator(f[control], f) - f[control]) / per
 
 
 def followed(control: str, operator: Callable[[Array, Flight], Array]) -> Callable[[Flight], Columns]:
-    """Columns of a surface that makes of what was recorded what an operator makes of it."""
+    """Columns of a surface that follows its recorded input by an operator."""
     return displaced((control, 0, departure(control, operator)))
 
 

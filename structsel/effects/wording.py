@@ -26,11 +26,11 @@ def shown(found: FittedEffect, name: str) -> str:
 
 
 def percent(found: FittedEffect, name: str) -> str:
-    """A share as "12 +- 1 %"."""
+    """A fraction as "12 +- 1 %"."""
     return found.text(name, 100.0, "%")
 
 
 def capital(found: FittedEffect) -> str:
-    """What sets a form apart, to begin a sentence with."""
+    """Description of a form, as the beginning of a sentence."""
     about = found.variant.about
     return about[:1].upper() + about[1:]

@@ -241,7 +241,7 @@ def plot_mismatch_coherence(
     if not found:
         return show_text_only(ax, f"no coherence of {symbol(response)} was computed")
     for i, one in enumerate(found):
-        text = f"{symbol(one.channel)}: {format_percent(one.share)} of the power"
+        text = f"{symbol(one.channel)}: {format_percent(one.fraction)} of the power"
         ax.semilogx(one.f, one.squared, lw=1.1, color=line_colour(i), label=text)
     ax.set_title(f"{symbol(response)}: residual with each channel", fontsize="medium")
     return _finish_coherence(ax, found[0].threshold)

@@ -205,8 +205,8 @@ def test_parameters_are_compared_in_size_where_names_correspond():
 @pytest.mark.parametrize(
     ("effect", "held", "found"),
     [
-        ("mass-error", {"stated over true": 0.8}, {"share": 0.25}),
-        ("mass-error", {"factor": 0.95}, {"share": 0.05}),
+        ("mass-error", {"stated over true": 0.8}, {"fraction": 0.25}),
+        ("mass-error", {"factor": 0.95}, {"fraction": 0.05}),
         ("inertia-error", {"moment": "Ix", "stated over true": 0.8}, {"Ix": 0.25}),
         ("augmentation", {"surface": "dr", "gain": 0.1, "rate": "r"}, {"gain of r": 0.1}),
         ("slosh", {"slosh_frequency": 2.0 * math.pi}, {"frequency": 1.0}),

@@ -1,7 +1,7 @@
 """The ceiling: how much of the differences any function of the recorded channels and their recent past explains.
 
-Physics that explains most of it with two parameters is better than a learner; a wide gap to it means unknown physics.
-Manoeuvres are held out whole, in turn: samples of one manoeuvre know each other.
+Physics that explains nearly as much with two parameters is better than a regression; a wide gap means unknown physics.
+Complete manoeuvres are held out in turn, because samples of one manoeuvre are correlated.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _RESOLUTION = 1e-6  # of a channel's range: samples closer together are equal, s
 def explainable(
     flights: Sequence[Flight], differences: Sequence[Mapping[str, Array]], responses: Sequence[str] | None = None
 ) -> dict[str, float]:
-    """Share of the differences' variance that a learner foretells on flights it has not seen.
+    """Fraction of the variance of the differences that a regression model predicts on flights it was not fitted to.
 
     The better of ridge regression on products and past values, and of boosted trees on what it leaves. Constant
     offsets of each flight are not counted.
@@ -45,7 +45,7 @@ def explainable(
     ----------
     flights : sequence of Flight
     differences : sequence of mapping of response to (n,) array
-        Per flight: measured less simulated, or what is left of it.
+        Per flight: measured minus simulated, or a residual.
     responses : sequence of str, optional
         By default the coefficients, or all where there are none.
 
@@ -70,22 +70,21 @@ def explainable(
         products.append(_in_band(_products(f, channels), f)[::step][at])
         y.append(_in_band(np.column_stack([d[c] for c in wanted]), f)[::step][at])
         group.append(np.full(len(at), k))
-    told = [part - part.mean(axis=0) for part in y]
-    Y = np.concatenate(told)
+    Y = np.concatenate([part - part.mean(axis=0) for part in y])
     size = Y.std(axis=0)
     shown = [c for c, s in zip(wanted, size) if s > 0.0]
     Y = Y[:, size > 0.0] / size[size > 0.0]
-    found = _foretell(np.concatenate(X), np.concatenate(products), Y, np.concatenate(group))
-    return {c: float(min(max(share, 0.0), 1.0)) for c, share in zip(shown, found)} | dict.fromkeys(
+    found = _predict_held_out(np.concatenate(X), np.concatenate(products), Y, np.concatenate(group))
+    return {c: float(min(max(fraction, 0.0), 1.0)) for c, fraction in zip(shown, found)} | dict.fromkeys(
         [c for c in wanted if c not in shown], 0.0
     )
 
 
 def _moving(flights: Sequence[Flight]) -> list[str]:
-    told = set(flights[0].measured)
+    responses = set(flights[0].measured)
     usual = [c for c in _CHANNELS if all(c in f or c in f.channels for f in flights)]
     if not usual:
-        usual = sorted(c for c in flights[0].channels if c not in told and all(c in f.channels for f in flights))
+        usual = sorted(c for c in flights[0].channels if c not in responses and all(c in f.channels for f in flights))
     return [c for c in usual if np.ptp(np.concatenate([f[c] for f in flights])) > 0.0]
 
 
@@ -118,7 +117,7 @@ def _past(f: Flight, channels: Sequence[str]) -> Array:
 
 
 def _products(f: Flight, channels: Sequence[str]) -> Array:
-    """Channels, their squares and products and cubes, and past values; each centred and scaled by itself."""
+    """Channels, their squares and products and cubes, and past values; each centred and scaled."""
     centred = {c: (f[c] - f[c].mean()) for c in channels}
     squared = [c for c in channels if c in _SQUARED] or list(channels)[:8]
     made = list(centred.values())
@@ -127,9 +126,9 @@ def _products(f: Flight, channels: Sequence[str]) -> Array:
     return np.column_stack([*made, _past(f, channels)])
 
 
-def _foretell(X: Array, products: Array, Y: Array, group: Array) -> Array:
-    """Shares of the variance of each column of Y, on groups held out."""
-    # The learners take a while to load, and few commands need them.
+def _predict_held_out(X: Array, products: Array, Y: Array, group: Array) -> Array:
+    """Fractions of the variance of each column of Y that are explained, on groups held out."""
+    # These libraries take a while to load, and few commands need them.
     from sklearn.ensemble import HistGradientBoostingRegressor
     from sklearn.linear_model import Ridge
     from sklearn.model_selection import GroupKFold
@@ -142,7 +141,7 @@ def _foretell(X: Array, products: Array, Y: Array, group: Array) -> Array:
     for train, test in folds:
         for i, alpha in enumerate(_HELD_TO):
             straight[i][test] = Ridge(alpha=alpha).fit(P[train], Y[train]).predict(P[test]).reshape(-1, Y.shape[1])
-    ridge = np.array([_shares(Y, told, group) for told in straight])
+    ridge = np.array([_explained_fractions(Y, prediction, group) for prediction in straight])
     best = np.argmax(ridge, axis=0)
     bent = np.empty_like(Y)
     span = np.ptp(X, axis=0)
@@ -157,15 +156,15 @@ def _foretell(X: Array, products: Array, Y: Array, group: Array) -> Array:
                 line = Ridge(alpha=_HELD_TO[best[j]]).fit(P[train], Y[train, j])
                 base, ahead = line.predict(P[train]), line.predict(P[test])
             bent[test, j] = ahead + trees.fit(X[train], Y[train, j] - base).predict(X[test])
-    return np.maximum(ridge.max(axis=0), _shares(Y, bent, group))
+    return np.maximum(ridge.max(axis=0), _explained_fractions(Y, bent, group))
 
 
-def _shares(Y: Array, told: Array, group: Array) -> Array:
+def _explained_fractions(Y: Array, prediction: Array, group: Array) -> Array:
     """1 - error / variance, offsets of each group left out of both."""
-    left = Y - told
-    error, whole = np.zeros(Y.shape[1]), np.zeros(Y.shape[1])
+    left = Y - prediction
+    error, total = np.zeros(Y.shape[1]), np.zeros(Y.shape[1])
     for g in np.unique(group):
         mine = group == g
         error += ((left[mine] - left[mine].mean(axis=0)) ** 2).sum(axis=0)
-        whole += ((Y[mine] - Y[mine].mean(axis=0)) ** 2).sum(axis=0)
-    return 1.0 - error / whole
+        total += ((Y[mine] - Y[mine].mean(axis=0)) ** 2).sum(axis=0)
+    return 1.0 - error / total

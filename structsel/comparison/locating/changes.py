@@ -1,4 +1,4 @@
-"""When: windows in which more is left than noise, and times at which what is left changes for good."""
+"""Times: windows in which the residual exceeds the noise, and times at which its level changes."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import fast_length, spectrum
 
 _WINDOW = 2.0  # s
-_FALSE = 0.05  # share of the windows named that may be chance
-_CHANGE = 0.01  # probability of naming any change in any flight and response by chance
+_FALSE = 0.05  # fraction of false windows
+_CHANGE = 0.01  # probability of any false change in any flight and response
 _USUAL = 30.0  # ratio above which a step that every flight has is still one
 _BOTH_SIDES = 2.0  # s, least on each side of a change
 
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch in which more is left of one response than noise explains.
+    """A segment in which the residual of one response exceeds the noise.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class Window:
     times : float
         Rms over that of noise.
     p : float
-        Of as much by chance, before allowing for the number of windows.
+        Of as large a residual in noise, before allowing for the number of windows.
     """
 
     flight: str
@@ -46,7 +46,7 @@ class Window:
 
 @dataclass(frozen=True)
 class Change:
-    """A time at which the level of what is left steps.
+    """A time at which the level of the residual steps.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Change:
         In the response's unit; after less before.
     std : float
     p : float
-        Of as large a step anywhere in any flight and response by chance.
+        Of as large a step in noise, anywhere in any flight and response.
     """
 
     flight: str
@@ -68,7 +68,7 @@ class Change:
 
 
 def whitened(spectrum: Array, std: Array, n: int) -> Array:
-    """What is left, in time, each frequency scaled to noise of unit variance.
+    """Residual in time, each frequency scaled to noise of unit variance.
 
     Parameters
     ----------
@@ -88,10 +88,10 @@ def whitened(spectrum: Array, std: Array, n: int) -> Array:
 
 
 def standing_out(powers: Array, ceiling: float = 2.0) -> Array:
-    """Probability, for each of many powers, of one as large among them by chance.
+    """Probability, for each of many powers, of one as large among them if all were noise.
 
     Logarithms are taken as normal; their middle and scatter come from the quieter half, which an effect that acts for
-    less than half of the time does not reach. The middle is taken as no more than `ceiling`: an effect that acts all
+    less than half of the time does not reach. The middle is taken as at most `ceiling`: an effect that acts all
     the time is not the usual.
     """
     logs = np.log(np.maximum(powers, 1e-12))
@@ -103,7 +103,7 @@ def standing_out(powers: Array, ceiling: float = 2.0) -> Array:
 def find_windows(
     flights: Sequence[Flight], spectra: Sequence[Mapping[str, Array]], noise: Noise, responses: Sequence[str]
 ) -> list[Window]:
-    """Windows of 2 s in which more is left than usual, at a nominal rate of one false in twenty.
+    """Windows of 2 s in which the residual is larger than usual, at a nominal rate of one false in twenty.
 
     The rate holds for lognormal powers. What steps of the controls leave even of a right simulation has a longer tail:
     most such simulations have some window named, of 1 or 2 % of all. A window is a place to look at, not a verdict.
@@ -133,7 +133,7 @@ def find_windows(
 
 
 def joined(windows: Sequence[Window], flights: Sequence[Flight]) -> Intervals:
-    """Windows of all responses as stretches per flight."""
+    """Windows of all responses joined to intervals, per flight."""
     made: Intervals = {f.name: [] for f in flights}
     for w in windows:
         mine = made[w.flight]
@@ -147,7 +147,7 @@ def joined(windows: Sequence[Window], flights: Sequence[Flight]) -> Intervals:
 def find_changes(
     flights: Sequence[Flight], spectra: Sequence[Mapping[str, Array]], noise: Noise, responses: Sequence[str]
 ) -> list[Change]:
-    """Steps in the level of what is left, the likeliest of each flight and response.
+    """Steps in the level of the residual, the likeliest of each flight and response.
 
     A step is fitted at every time, coefficient by coefficient, each weighted by the noise at its frequency, which
     makes coloured residuals white. The largest ratio of each flight is held against those of all flights and
@@ -170,7 +170,7 @@ def find_changes(
             largest.append((float(gain[k]) / left, f.name, c, float(f.t[at[k]]), float(size[k]), std))
     if not largest:
         return []
-    # By chance the largest over a flight is about twice the logarithm of its independent times.
+    # In noise the largest over a flight is about twice the logarithm of its independent times.
     p = standing_out(np.array([ratio for ratio, *_ in largest]), ceiling=_USUAL) * len(largest)
     found = [Change(name, c, t, size, std, float(min(q, 1.0))) for (_, name, c, t, size, std), q in zip(largest, p)]
     return sorted((change for change in found if change.p < _CHANGE), key=lambda change: change.p)

@@ -1,4 +1,4 @@
-"""At which frequencies, and with which input: the coherence of what is left with each channel."""
+"""At which frequencies, and with which input: the coherence of the residual with each channel."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import HIGHEST
+from structsel.deprecation import renamed_attribute
 from structsel.numerics.arrays import Array
 from structsel.numerics.spectra import (
     FEWER,
@@ -21,10 +22,10 @@ from structsel.numerics.spectra import (
 )
 
 CHANNELS = ("de", "da", "dr", "throttle", "df", "alpha", "beta", "V")
-"""As read. Gyros and accelerometers are left out: the coefficients are made of them, and share their noise."""
+"""As read. Gyros and accelerometers are left out: the coefficients are computed from them, and have their noise."""
 
 _SEGMENT = 8.0  # s
-_CHANCE = 0.01
+_FALSE_ALARM = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +39,9 @@ class Coherence:
     squared : (k,) array
         Magnitude squared coherence.
     threshold : float
-        That chance passes once in a hundred times, anywhere in the band.
-    share : float
-        Of the residual's power in the band that goes with the channel; chance taken off.
+        That independent signals exceed with a probability of 1 %, anywhere in the band.
+    fraction : float
+        Of the residual's power in the band that goes with the channel, less that of independent signals.
     peak : float [Hz]
         Of the largest coherence.
     delay : float [s]
@@ -52,9 +53,11 @@ class Coherence:
     f: Array
     squared: Array
     threshold: float
-    share: float
+    fraction: float
     peak: float
     delay: float
+
+    share = renamed_attribute("fraction")
 
     @property
     def significant(self) -> bool:
@@ -65,10 +68,10 @@ class Coherence:
 def coherences(
     flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]], responses: Sequence[str]
 ) -> list[Coherence]:
-    """Coherence of each response's residual with each channel that moves, largest share first.
+    """Coherence of each response's residual with each channel that moves, largest fraction first.
 
     The threshold is that of signals without relation. A simulation within its tolerances is not without relation to
-    its inputs: one in fifteen passes there, some with a share of a quarter and more. It says where to look.
+    its inputs: one in fifteen passes there, some with a fraction of a quarter and more. It shows where to look.
 
     Segments of 8 s (half of them overlapping, Hann) of all flights together. With K independent segments, two signals
     without relation pass 1 - a^(1/(K-1)) at one frequency with probability a.
@@ -87,23 +90,23 @@ def coherences(
     segments = sum(int((len(f) - per) / (per * (1.0 - OVERLAP))) + 1 for f in same)
     free = max(2.0, FEWER * segments)
     moving = [c for c in names if any(np.ptp(f.raw[c]) > 0.0 for f in same)]
-    told = {c: [r[c] for r in kept] for c in responses} | {f" {c}": [f.raw[c] for f in same] for c in moving}
+    signals_of = {c: [r[c] for r in kept] for c in responses} | {f" {c}": [f.raw[c] for f in same] for c in moving}
     dt = flights[0].dt
-    f_hz, Z = _transforms(told, dt, per)
-    threshold = coherence_threshold(free, len(f_hz), _CHANCE)
+    f_hz, Z = _transforms(signals_of, dt, per)
+    threshold = coherence_threshold(free, len(f_hz), _FALSE_ALARM)
     for c in responses:
         y = Z[c]
         for channel in moving:
             x = Z[f" {channel}"]
             cross = (np.conj(x) * y).mean(axis=1)
-            own, driven = (np.abs(x) ** 2).mean(axis=1), (np.abs(y) ** 2).mean(axis=1)
-            squared = coherence_squared(cross, own, driven)
+            own, response_power = (np.abs(x) ** 2).mean(axis=1), (np.abs(y) ** 2).mean(axis=1)
+            squared = coherence_squared(cross, own, response_power)
             fair = np.maximum((squared - 1.0 / free) / (1.0 - 1.0 / free), 0.0)
-            share = float(fair @ driven / max(driven.sum(), 1e-300))
+            fraction = float(fair @ response_power / max(response_power.sum(), 1e-300))
             peak = float(f_hz[np.argmax(squared)])
             delay = _delay(f_hz, cross, squared > threshold)
-            made.append(Coherence(c, channel, f_hz, squared, threshold, share, peak, delay))
-    return sorted(made, key=lambda x: -x.share)
+            made.append(Coherence(c, channel, f_hz, squared, threshold, fraction, peak, delay))
+    return sorted(made, key=lambda x: -x.fraction)
 
 
 def _transforms(signals: Mapping[str, Sequence[Array]], dt: float, per: int) -> tuple[Array, dict[str, Array]]:

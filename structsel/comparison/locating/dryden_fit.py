@@ -24,7 +24,7 @@ class PowerBands:
     count: Array
     power: Array
     floor: float
-    driven: float
+    input_fraction: float
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,13 @@ class DrydenFit:
     cost: float
     sigma: float
     air: Array
-    told: Array
+    total: Array
 
 
 def fraction_of_air(b: PowerBands, fit: DrydenFit) -> float:
-    """Share of the variance of what a vane reads that is moving air; the bands hold the rate of that."""
+    """Fraction of the variance of a vane's readings that is moving air; the bands are of its rate."""
     weight = b.count / b.f**2
-    return float(weight @ fit.air / (weight @ fit.told))
+    return float(weight @ fit.air / (weight @ fit.total))
 
 
 def fit_spectrum(b: PowerBands, axis: str, length: float | None, tau: float | None) -> DrydenFit:
@@ -93,15 +93,15 @@ def _dryden(omega: Array, V: float, length: float, axis: str) -> Array:
     return 2.0 * np.pi * spectra[:, "uvw".index(axis)]
 
 
-def dispersion(b: PowerBands, told: Array) -> float:
-    """Scatter of the bands about a spectrum, over that of chance."""
-    return float(np.mean(0.5 * b.count * (b.power / told - 1.0) ** 2))
+def dispersion(b: PowerBands, total: Array) -> float:
+    """Scatter of the bands about a spectrum, over that expected."""
+    return float(np.mean(0.5 * b.count * (b.power / total - 1.0) ** 2))
 
 
-def largest_peak(b: PowerBands, told: Array) -> float:
+def largest_peak(b: PowerBands, total: Array) -> float:
     """Largest ratio of power to the fitted spectrum at one frequency, over all flights."""
     ratios = []
     for f in np.unique(np.round(np.log(b.f), 1)):
         near = np.abs(np.log(b.f) - f) < 0.08
-        ratios.append(float(b.count[near] @ (b.power[near] / told[near]) / b.count[near].sum()))
+        ratios.append(float(b.count[near] @ (b.power[near] / total[near]) / b.count[near].sum()))
     return max(ratios)

@@ -1,7 +1,7 @@
-"""What tolerances leave of the differences: the residual on which everything is located.
+"""Residual of the differences after a fit within the tolerances; effects are located on it.
 
-As delivered, the differences hold what stated tolerances of the simulation's parameters and of the instruments
-explain; that is everywhere and all the time, and would hide what is not.
+The differences as computed contain what the stated tolerances of the simulation's parameters and of the instruments
+explain. That occurs everywhere and at all times, and would conceal what is limited to some places.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from structsel.numerics.evidence import Base
 
 @dataclass(frozen=True, eq=False)
 class Refitted:
-    """Differences and what is left of them once everything within its tolerance has been refitted.
+    """Residuals of the differences after a fit of everything that has a tolerance.
 
     Attributes
     ----------
@@ -31,15 +31,15 @@ class Refitted:
     noise : Noise
     noise_rms : mapping of response to float
         In the compared band.
-    pulls : tuple of (name, sigmas)
-        How hard each tolerance was pulled, hardest first.
+    deviations : tuple of (name, sigmas)
+        Deviation of each tolerance in its standard deviations, largest first.
     """
 
     residuals: tuple[dict[str, Array], ...]
     spectra: tuple[dict[str, Array], ...]
     noise: Noise
     noise_rms: dict[str, float]
-    pulls: tuple[tuple[str, float], ...]
+    deviations: tuple[tuple[str, float], ...]
 
 
 def refit(flights: Sequence[Flight]) -> Refitted:
@@ -59,17 +59,17 @@ def refit(flights: Sequence[Flight]) -> Refitted:
     residuals, spectra = [], []
     for i, f in enumerate(flights):
         weight = rows[i].weight
-        told = {c: x - shared[i][c] @ found for c, x in as_spectra(f.difference, f).items()}
+        residual = {c: x - shared[i][c] @ found for c, x in as_spectra(f.difference, f).items()}
         P = np.vstack([own[i][c] * weight[c][:, None] for c in responses])
-        y = np.concatenate([told[c] * weight[c] for c in responses])
+        y = np.concatenate([residual[c] * weight[c] for c in responses])
         bias = np.linalg.solve(P.T @ P + np.eye(P.shape[1]), P.T @ y)
         left = {c: f.difference[c] - shared_in_time[i][c] @ found - own_in_time[i][c] @ bias for c in responses}
         residuals.append({c: x - x.mean() for c, x in left.items()})
-        spectra.append({c: told[c] - own[i][c] @ bias for c in responses})
+        spectra.append({c: residual[c] - own[i][c] @ bias for c in responses})
     rms = {
         c: float(np.sqrt(np.mean([np.sum(noise.std(f, c, r.bins)[1:] ** 2) / len(f) for f, r in zip(flights, rows)])))
         for c in responses
     }
     names = [n.name for n in nuisances]
-    pulls = sorted(zip(names, (float(x) for x in found)), key=lambda pull: -abs(pull[1]))
-    return Refitted(tuple(residuals), tuple(spectra), noise, rms, tuple(pulls))
+    deviations = sorted(zip(names, (float(x) for x in found)), key=lambda one: -abs(one[1]))
+    return Refitted(tuple(residuals), tuple(spectra), noise, rms, tuple(deviations))

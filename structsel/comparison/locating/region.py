@@ -31,13 +31,13 @@ CHANNELS = (
 )
 """Channels that may bound an effect."""
 
-_MOST = 2
-_OFTEN = 0.6  # share of the samples, above which an effect is not bounded
-_SEPARATES = 0.7  # share of acting samples inside less share of the others inside
+_MAX_CHANNELS = 2
+_OFTEN = 0.6  # fraction of the samples, above which an effect is not bounded
+_SEPARATES = 0.7  # fraction of acting samples inside less that of the others
 _FURTHER = 0.03  # by which a second channel must better the first, and by half of what that lacks
 _TAIL = 0.005  # of the acting samples beyond each limit
 _TIMINGS = 99
-_CHANCE = 0.05
+_SIGNIFICANCE = 0.05
 _SAMPLES = 4000
 _FEW = 20
 
@@ -50,11 +50,11 @@ class Bound:
     ----------
     low, high : float
     separates : float
-        Share of the acting samples between the limits less that of the others; 1 is perfect.
+        Fraction of the acting samples between the limits less that of the others; 1 is perfect.
     p : float
-        Probability of as much by chance: the best channel's, acting stretches moved to other times.
+        Probability of as much without relation: of the best channel, acting segments moved to other times.
     coverage : float
-        Share of all samples flown that lie between the limits.
+        Fraction of all recorded samples that lie between the limits.
     """
 
     low: float
@@ -74,11 +74,11 @@ def find_region(
 def bounds_of(
     flights: Sequence[Flight], contributions: Contributions, noise_rms: Mapping[str, float] | None = None, seed: int = 0
 ) -> dict[str, Bound]:
-    """Channels that tell acting from not acting samples, at most two.
+    """Channels that separate acting from other samples, at most two.
 
     A channel is tried as the range it has while the effect acts. It bounds the effect if that range holds 0.7 more of
     the acting samples than of the others, and if no channel does as well in 95 of 100 other timings of the same
-    stretches (moved round in each flight by a random time, flights exchanged): the best channel is compared with the
+    segments (moved round in each flight by a random time, flights exchanged): the best channel is compared with the
     best, which allows for the number tried.
 
     Parameters
@@ -91,8 +91,8 @@ def bounds_of(
     seed : int
         Of the random timings.
     """
-    told = flights[0].responses
-    size = noise_rms or {c: float(np.std(np.concatenate([f.difference[c] for f in flights]))) for c in told}
+    responses = flights[0].responses
+    size = noise_rms or {c: float(np.std(np.concatenate([f.difference[c] for f in flights]))) for c in responses}
     on = [a if len(a) else np.zeros(len(f), dtype=bool) for f, a in zip(flights, acting(contributions, size))]
     return bounds_of_flags(flights, on, seed)
 
@@ -110,16 +110,16 @@ def bounds_of_flags(flights: Sequence[Flight], flags: Sequence[Flags], seed: int
     reached = {c: _separation(values[c], together) for c in names}
     first = max(names, key=lambda c: reached[c])
     rng = np.random.default_rng(seed)
-    chance = []
+    at_random = []
     for _ in range(_TIMINGS):
         other = _retimed(on, rng)
-        chance.append(max(_separation(values[c], other) for c in names))
-    p = (1.0 + sum(x >= reached[first] for x in chance)) / (_TIMINGS + 1.0)
-    if reached[first] < _SEPARATES or p > _CHANCE:
+        at_random.append(max(_separation(values[c], other) for c in names))
+    p = (1.0 + sum(x >= reached[first] for x in at_random)) / (_TIMINGS + 1.0)
+    if reached[first] < _SEPARATES or p > _SIGNIFICANCE:
         return {}
     made = {first: _bound(values[first], together, reached[first], p)}
     inside = _inside(values[first], together)
-    while len(made) < _MOST and (~together & inside).sum() >= _FEW:
+    while len(made) < _MAX_CHANNELS and (~together & inside).sum() >= _FEW:
         rest = [c for c in names if c not in made]
         gains = {c: _separation(values[c], together, inside) - _separation(values[first], together) for c in rest}
         further = max(rest, key=lambda c: gains[c], default="")
@@ -162,7 +162,7 @@ def _bound(x: Array, on: Flags, separates: float, p: float) -> Bound:
 
 
 def _retimed(on: Sequence[Flags], rng: np.random.Generator) -> Flags:
-    """The same stretches at other times of other flights."""
+    """The same segments at other times of other flights."""
     made = []
     for k, j in enumerate(rng.permutation(len(on))):
         moved = np.roll(on[j], rng.integers(len(on[j])))

@@ -22,6 +22,7 @@ import scipy
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.dryden_fit import PowerBands, dispersion, fit_spectrum, fraction_of_air, largest_peak
 from structsel.comparison.noise import bins_of, edge_of, frequencies
+from structsel.deprecation import renamed_attribute
 from structsel.formatting import format_number
 from structsel.nomenclature import FORCE_COEFFICIENTS
 from structsel.numerics.arrays import Array
@@ -33,24 +34,26 @@ _DRIVING = ("de", "da", "dr", "throttle", "thrust", "df", "gear")
 _LENGTHS = np.geomspace(80.0, 700.0, 7)  # m
 _USUAL, _ABOUT = 300.0, 0.7  # m, and the standard deviation of the logarithm: above it, only sigma^2 / L shows
 _TIMES = np.geomspace(0.03, 0.6, 7)  # s that an instrument's own noise may keep
-_LOWEST = 0.08  # Hz; below, drifts and what is left of the manoeuvres
+_LOWEST = 0.08  # Hz; below, drifts and residuals of the manoeuvres
 _BANDS = 16
-_LEAST = 8.0  # nats by which it must beat noise
-_UNLIKE = 3.0  # times that one axis may be more turbulent than another
+_LEAST = 8.0  # log Bayes factor to noise, at least
+_LARGEST_RATIO = 3.0  # times that one axis may be more turbulent than another
 _FAINT = 0.03  # m/s
-_DRIVEN = 0.35  # share of the power that inputs may explain
+_INPUT_FRACTION = 0.35  # fraction of the power that inputs may explain
 _PEAK = 6.0  # times the fitted spectrum; more is a resonance
-_OCCAM = 2.5  # nats that a size free over orders of magnitude costs
+_OCCAM = 2.5  # log Bayes factor that a size free over orders of magnitude costs
 _BETWEEN_AXES = 0.35  # standard deviation of the logarithm of the size
-_UNFELT = 300.0  # nats of what follows the motion and no input, above which only the air does that
-_MOST = 0.5  # share of what is left of every force, of which air that no vane feels must be the cause
+_WITHOUT_VANES = (
+    300.0  # log Bayes factor of forces that follow the motion and no input, above which the air is the cause
+)
+_FORCE_FRACTION = 0.5  # fraction of the residual of every force that air without vanes must explain
 _MOTION = (0.1, 2.0)  # Hz, in which gusts move an aircraft
 _FORCED = {"v": ("CY", "beta"), "w": ("CZ", "alpha")}
 
 
 @dataclass(frozen=True)
 class TurbulenceEstimate:
-    """Moving air that the simulation was not told of.
+    """Moving air that is not in the simulation.
 
     Attributes
     ----------
@@ -58,29 +61,31 @@ class TurbulenceEstimate:
         Only the axes that show it.
     length : float [m]
         Scale of the Dryden spectrum; NaN where no vane feels it.
-    nats : float
-        Log likelihood ratio to instrument noise of any colour; where no vane feels it, what follows the motion and no
-        input.
+    log_bayes_factor : float
+        To instrument noise of any autocorrelation; without vanes, of forces that follow the motion and no input.
     probability : float
-    driven : float
-        Share of its power that inputs explain: what is left of other physics.
+    input_fraction : float
+        Fraction of its power that inputs explain: the rest of other physics.
     explained : float
-        Share of the variance that is moving air: of what the vanes read beyond the inertial motion; where no vane feels
-        it, at most that of what is left of the forces beyond white noise.
+        Fraction of the variance that is moving air: of the readings of the vanes beyond the inertial motion; without
+        vanes, at most that of the residuals of the forces beyond white noise.
     """
 
     sigma: Mapping[str, float]
     length: float
-    nats: float
+    log_bayes_factor: float
     probability: float
-    driven: float
+    input_fraction: float
     explained: float
+
+    nats = renamed_attribute("log_bayes_factor")
+    driven = renamed_attribute("input_fraction")
 
     @property
     def says(self) -> str:
         """One plain sentence."""
-        ways = {"u": "along", "v": "across", "w": "up and down"}
-        sizes = ", ".join(f"{format_number(s, 2)} m/s {ways[a]}" for a, s in self.sigma.items())
+        directions = {"u": "along", "v": "across", "w": "up and down"}
+        sizes = ", ".join(f"{format_number(s, 2)} m/s {directions[a]}" for a, s in self.sigma.items())
         if np.isnan(self.length):
             return (
                 f"The air was turbulent: about {sizes}. No vane feels it, but forces and moments differ in a way that "
@@ -96,7 +101,7 @@ class TurbulenceEstimate:
 
 
 def find_turbulence(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> TurbulenceEstimate | None:
-    """Turbulence, where what is left shows it.
+    """Turbulence, where the residuals show it.
 
     Parameters
     ----------
@@ -112,27 +117,27 @@ def find_turbulence(flights: Sequence[Flight], residuals: Sequence[Mapping[str, 
     return _judge(vanes) if "w" in vanes else None
 
 
-def unfelt(
-    flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]], nats: float
+def turbulence_without_vanes(
+    flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]], log_bayes_factor: float
 ) -> TurbulenceEstimate | None:
-    """Turbulence that no vane feels, where so many nats follow the motion and no input, and all forces show it.
+    """Turbulence without vanes, where forces follow the motion and no input, and all forces show it.
 
     Parameters
     ----------
     flights : sequence of Flight
     residuals : sequence of mapping of response to (n,) array
         Differences less what tolerances and the effects found explain, per flight.
-    nats : float
-        Of what an effect brings on the recorded motion, those that the inputs do not bear out.
+    log_bayes_factor : float
+        Gain of an effect on the recorded motion that is not confirmed by the response to the recorded inputs.
 
     Returns
     -------
     TurbulenceEstimate or None
         Its sizes are those of gusts that would make the differences of the forces: noise and tolerances are in them.
     """
-    coloured = coloured_shares(flights, residuals)
+    coloured = coloured_fractions(flights, residuals)
     explained = min(coloured.values(), default=0.0)
-    if nats < _UNFELT or explained < _MOST:
+    if log_bayes_factor < _WITHOUT_VANES or explained < _FORCE_FRACTION:
         return None
     sigma: dict[str, float] = {}
     for axis, (response, angle) in _FORCED.items():
@@ -143,14 +148,17 @@ def unfelt(
             sigma |= {axis: float(np.sqrt(power)) / slope} if slope > 0.0 else {}
     if not sigma:
         return None
-    probability = float(1.0 / (1.0 + np.exp(1.0 - nats / _UNFELT)))
-    return TurbulenceEstimate(sigma, float("nan"), nats, probability, 0.0, explained)
+    probability = float(1.0 / (1.0 + np.exp(1.0 - log_bayes_factor / _WITHOUT_VANES)))
+    return TurbulenceEstimate(sigma, float("nan"), log_bayes_factor, probability, 0.0, explained)
 
 
-def coloured_shares(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> dict[str, float]:
-    """Share of the power of what is left of each force that is not white noise of the instruments.
+unfelt = turbulence_without_vanes  # its name in the diagnosis
 
-    In the band of the motion. Moving air acts on all forces, and so does their share with it; white noise moves no
+
+def coloured_fractions(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> dict[str, float]:
+    """Fraction of the power of each force's residual that is not white noise of the instruments.
+
+    In the band of the motion. Moving air acts on all forces; white noise moves no
     aircraft. The level of the white noise is that of the third differences of the measured coefficient.
     """
     made = {}
@@ -168,6 +176,9 @@ def coloured_shares(flights: Sequence[Flight], residuals: Sequence[Mapping[str, 
         if power > 0.0:
             made[c] = max(0.0, 1.0 - white / power)
     return made
+
+
+coloured_shares = coloured_fractions  # its name in the diagnosis
 
 
 def _of_vane(
@@ -199,7 +210,7 @@ def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float)
     y = [spectrum(x, b, edge_of(f))[1:] for f, x, b in zip(flights, signals, bins)]
     X = [spectrum(_inputs(f, flights), b, edge_of(f))[1:] for f, b in zip(flights, bins)]
     hz = [frequencies(f, b) for f, b in zip(flights, bins)]
-    left, driven = _undriven(y, X, hz)
+    left, input_fraction = _without_inputs(y, X, hz)
     highest = min(float(h[-1]) for h in hz)
     edges = np.geomspace(_LOWEST, highest, _BANDS + 1)
     rows = []
@@ -210,7 +221,7 @@ def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float)
             if near.any():
                 rows.append((float(h[near].mean()), float(f["V"].mean()), k, near.sum(), float(power[near].mean())))
     hertz, V, flight, count, level = np.array(rows).T
-    return PowerBands(hertz, V, flight.astype(int), count, level, floor, driven)
+    return PowerBands(hertz, V, flight.astype(int), count, level, floor, input_fraction)
 
 
 def _inputs(f: Flight, flights: Sequence[Flight]) -> Array:
@@ -222,8 +233,8 @@ def _inputs(f: Flight, flights: Sequence[Flight]) -> Array:
     return np.column_stack(columns) if columns else f.t[:, None]
 
 
-def _undriven(y: list[Array], X: list[Array], hz: list[Array]) -> tuple[list[Array], float]:
-    """What inputs leave, and the share they explain beyond chance; below 1 Hz, where manoeuvres are."""
+def _without_inputs(y: list[Array], X: list[Array], hz: list[Array]) -> tuple[list[Array], float]:
+    """Residual after a regression on the inputs, and the adjusted R2 of it; below 1 Hz, where manoeuvres are."""
     rows, target = np.vstack(X), np.concatenate(y)
     weight = 1.0 / np.sqrt(np.concatenate(hz))
     size = np.sqrt((rows**2).mean(axis=0))
@@ -234,8 +245,8 @@ def _undriven(y: list[Array], X: list[Array], hz: list[Array]) -> tuple[list[Arr
     left = target - rows @ fit
     before, after = float((target * weight) @ (target * weight)), float((left * weight) @ (left * weight))
     free = max(1.0 - rows.shape[1] / len(target), 0.1)
-    driven = 1.0 - after / free / before if before > 0.0 else 0.0
-    return np.split(left, np.cumsum([len(part) for part in y])[:-1]), max(driven, 0.0)
+    input_fraction = 1.0 - after / free / before if before > 0.0 else 0.0
+    return np.split(left, np.cumsum([len(part) for part in y])[:-1]), max(input_fraction, 0.0)
 
 
 def _averaged(costs: Array) -> float:
@@ -243,8 +254,8 @@ def _averaged(costs: Array) -> float:
     return -float(scipy.special.logsumexp(-costs) - np.log(len(costs)))
 
 
-def _unlike(sigmas: Sequence[float]) -> float:
-    """What it costs that axes differ."""
+def _cost_of_unequal_axes(sigmas: Sequence[float]) -> float:
+    """Cost of unequal axes."""
     logs = np.log(np.maximum(sigmas, 1e-6))
     return float(0.5 * (((logs - logs.mean()) / _BETWEEN_AXES) ** 2).sum())
 
@@ -253,7 +264,7 @@ def _judge(axes: Mapping[str, PowerBands]) -> TurbulenceEstimate | None:
     air = {a: [fit_spectrum(b, a, length, None) for length in _LENGTHS] for a, b in axes.items()}
     total = np.array(
         [
-            sum(each[i].cost for each in air.values()) + _unlike([each[i].sigma for each in air.values()])
+            sum(each[i].cost for each in air.values()) + _cost_of_unequal_axes([each[i].sigma for each in air.values()])
             for i in range(len(_LENGTHS))
         ]
     )
@@ -265,14 +276,18 @@ def _judge(axes: Mapping[str, PowerBands]) -> TurbulenceEstimate | None:
         a: _averaged(np.array([fit_spectrum(b, a, None, tau).cost for tau in _TIMES])) + _OCCAM for a, b in axes.items()
     }
     still = sum(min(own[a], fit_spectrum(b, a, None, None).cost) for a, b in axes.items())
-    spread = max(1.0, float(np.mean([dispersion(b, best[a].told) for a, b in axes.items()])))
+    spread = max(1.0, float(np.mean([dispersion(b, best[a].total) for a, b in axes.items()])))
     sigma = {a: best[a].sigma for a in axes}
-    nats = float(still - moved) / spread
-    driven = max(b.driven for b in axes.values())
-    if nats < _LEAST or min(sigma.values()) < max(_FAINT, max(sigma.values()) / _UNLIKE) or driven > _DRIVEN:
+    log_bayes_factor = float(still - moved) / spread
+    input_fraction = max(b.input_fraction for b in axes.values())
+    if (
+        log_bayes_factor < _LEAST
+        or min(sigma.values()) < max(_FAINT, max(sigma.values()) / _LARGEST_RATIO)
+        or input_fraction > _INPUT_FRACTION
+    ):
         return None
-    if any(largest_peak(b, best[a].told) > _PEAK for a, b in axes.items()):
+    if any(largest_peak(b, best[a].total) > _PEAK for a, b in axes.items()):
         return None
-    probability = float(1.0 / (1.0 + np.exp(-(nats - 0.5 * _LEAST) / 4.0)))
+    probability = float(1.0 / (1.0 + np.exp(-(log_bayes_factor - 0.5 * _LEAST) / 4.0)))
     explained = float(np.mean([fraction_of_air(b, best[a]) for a, b in axes.items()]))
-    return TurbulenceEstimate(sigma, float(_LENGTHS[i]), nats, probability, driven, explained)
+    return TurbulenceEstimate(sigma, float(_LENGTHS[i]), log_bayes_factor, probability, input_fraction, explained)

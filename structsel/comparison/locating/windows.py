@@ -1,4 +1,4 @@
-"""Stretches of time in which an effect acts, from what it adds to the differences."""
+"""Intervals in which an effect acts, from its contribution to the differences."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Flags = NDArray[np.bool_]
 Contributions = Sequence[Mapping[str, Array]]
 """Per flight: what an effect adds to measured less simulated, by response, (n,) arrays."""
 Intervals = dict[str, list[tuple[float, float]]]
-"""Stretches [s] by the flight's name."""
+"""Start and end [s] of each interval, by the flight's name."""
 
-_SHARE = 0.21  # of the effect's most, above which it acts
-_MOST = 0.995  # quantile that stands for its most: one sample does not set it
+_ACTING = 0.21  # of the effect's peak, above which it acts
+_PEAK_QUANTILE = 0.995  # quantile taken as the peak: one sample does not set it
 _SEEN = 0.1  # of the noise, below which nothing acts
 _GAP = 0.7  # s, shorter pauses are none
-_BLIP = 0.2  # s, shorter stretches are none
+_BLIP = 0.2  # s, shorter segments are none
 _EVERYWHERE = 0.8  # of all time
 
 
@@ -36,7 +36,7 @@ def clearest(contributions: Contributions, noise_rms: Mapping[str, float]) -> st
 
 
 def acting(contributions: Contributions, noise_rms: Mapping[str, float]) -> list[Flags]:
-    """Samples at which an effect acts: by more than a share of its most and of the noise, in its clearest response.
+    """Samples at which an effect acts: by more than a fraction of its peak and of the noise, in its clearest response.
 
     Parameters
     ----------
@@ -54,15 +54,15 @@ def acting(contributions: Contributions, noise_rms: Mapping[str, float]) -> list
     if not response:
         return [np.zeros(n, dtype=bool) for n in lengths]
     sizes = [np.abs(one[response]) if response in one else np.zeros(n) for one, n in zip(contributions, lengths)]
-    most = max(float(np.quantile(s, _MOST)) for s in sizes if len(s))
-    limit = max(_SHARE * most, _SEEN * noise_rms[response])
+    peak = max(float(np.quantile(s, _PEAK_QUANTILE)) for s in sizes if len(s))
+    limit = max(_ACTING * peak, _SEEN * noise_rms[response])
     return [s > limit for s in sizes]
 
 
 def find_intervals(
     flights: Sequence[Flight], contributions: Contributions, noise_rms: Mapping[str, float]
 ) -> Intervals:
-    """Stretches in which an effect acts.
+    """Intervals in which an effect acts.
 
     Parameters
     ----------
@@ -75,18 +75,18 @@ def find_intervals(
     Returns
     -------
     mapping of flight to list of (start, end) [s]
-        Every flight is in it; empty as a whole where the effect acts nearly all the time in all flights.
+        Every flight is in it; the mapping is empty where the effect acts nearly all the time in all flights.
     """
     on = [a if len(a) else np.zeros(len(f), dtype=bool) for f, a in zip(flights, acting(contributions, noise_rms))]
-    made = {f.name: stretches(f.t, a) for f, a in zip(flights, on)}
+    made = {f.name: segments_of(f.t, a) for f, a in zip(flights, on)}
     covered = sum(b - a for each in made.values() for a, b in each)
     if covered > _EVERYWHERE * sum(float(f.t[-1] - f.t[0]) for f in flights):
         return {}
     return made
 
 
-def stretches(t: Array, on: Flags, gap: float = _GAP, blip: float = _BLIP) -> list[tuple[float, float]]:
-    """Stretches [s] in which a flag is up; short pauses closed, then short stretches left out."""
+def segments_of(t: Array, on: Flags, gap: float = _GAP, blip: float = _BLIP) -> list[tuple[float, float]]:
+    """Segments [s] in which a flag is set; short pauses closed, then short segments left out."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
     joined: list[tuple[float, float]] = []
     for a, b in zip(edges[::2], edges[1::2] - 1):
