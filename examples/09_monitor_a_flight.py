@@ -13,6 +13,7 @@ import numpy as np
 from scipy import signal
 
 import structsel as ss
+from structsel.plotting import plot_recursive_estimates
 
 DT, LOST = 0.02, 40.0
 citation = ss.published_aircraft("citation")
@@ -37,11 +38,8 @@ print(estimates[-1])
 # ## The elevator effectiveness over time, with its 95 % interval
 
 # %%
-shown = [one for one in estimates if one.determined and one.t > 8.0]
-times, (values, errors) = [one.t for one in shown], np.transpose([one["de"] for one in shown])
 _, ax = plt.subplots(figsize=(8.0, 3.5), layout="constrained")
-ax.fill_between(times, values - 1.96 * errors, values + 1.96 * errors, alpha=0.3)
-ax.plot(times, values)
+plot_recursive_estimates(estimates, "de", ax=ax)
 ax.axvline(LOST, color="grey", ls=":")
 ax.set_xlabel("time [s]")
 ax.set_ylabel(r"$M_{\delta_e}$ [1/s$^2$]")
@@ -51,7 +49,7 @@ plt.show()
 # ## Half of the effectiveness is left
 
 # %%
-before = next(one["de"][0] for one in shown if one.t >= LOST)
-after = shown[-1]["de"][0]
+before = next(one["de"][0] for one in estimates if one.t >= LOST)
+after = estimates[-1]["de"][0]
 print(f"M_de {before:.2f} before, {after:.2f} 1/s^2 after")
 assert 0.4 < after / before < 0.6

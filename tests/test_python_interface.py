@@ -207,6 +207,25 @@ NO_RECORDING, NO_AIRCRAFT, NO_MODEL = "needs one recording", "needs an Aircraft"
         (lambda: ss.simulate("model.json", AIRCRAFT, FLIGHT), f"{NO_MODEL}.*\n.*a str", "AeroModel.from_json"),
         (lambda: ss.simulate({"Cm": {}}, AIRCRAFT, FLIGHT), f"{NO_MODEL}.*\n.*a dict", "AeroModel.from_terms"),
         (lambda: ss.simulate(MODEL, AIRCRAFT, np.zeros((9, 2))), f"{NO_RECORDING}.*\n.*ndarray", "Name the columns"),
+        (lambda: ss.simulate(MODEL, AIRCRAFT, FLIGHT, start=45.0), "needs a Trim as start.*\n.*a float", "trim(model"),
+        (lambda: ss.simulate(MODEL, AIRCRAFT, FLIGHT, instruments={}), "needs Instruments.*\n.*a dict", "noise={"),
+        (lambda: ss.trim("model.json", AIRCRAFT, 45.0, 0.0), f"{NO_MODEL}.*\n.*a str", "AeroModel.from_json"),
+        (lambda: ss.trim(MODEL, "a.toml", 45.0, 0.0), f"{NO_AIRCRAFT}.*\n.*a str", "Aircraft.from_toml"),
+        (lambda: ss.trim(MODEL, AIRCRAFT, "45", 0.0), r"needs V as a number \[m/s\].*\n.*a str", "order is trim"),
+        (lambda: ss.trim(MODEL, AIRCRAFT, 45.0, [0.0]), r"needs h as a number \[m\].*\n.*a list", "order is trim"),
+        (lambda: ss.linearise(AIRCRAFT, MODEL, None), f"{NO_MODEL}.*\n.*Aircraft", "order is linearise"),
+        (lambda: ss.linearise(MODEL, AIRCRAFT, 45.0), "needs a Trim.*\n.*a float", "trim(model, aircraft, V, h)"),
+        (lambda: ss.design_inputs(MODEL, noise={}), "needs a LinearModel.*\n.*AeroModel", "linearise(model"),
+        (lambda: ss.compare_inputs("m", noise={}, energy=1.0), "needs a LinearModel.*\n.*a str", "linearise(model"),
+        (lambda: ss.refine(MODEL, "a.toml", [FLIGHT]), f"{NO_AIRCRAFT}.*\n.*a str", "Aircraft.from_toml"),
+        (lambda: ss.refine("model.json", AIRCRAFT, [FLIGHT]), "refine takes a LinearModel.*a str", "LinearStructure"),
+        (lambda: ss.qualify(MODEL, AIRCRAFT, "m1.csv"), "needs recordings.*\n.*a str", "read_recording"),
+        (lambda: ss.qualify(MODEL, AIRCRAFT, FLIGHT, corrected="m"), "as corrected model.*\n.*a str", "from_json"),
+        (lambda: ss.frequency_response("m1.csv", "q", "de"), "needs recordings.*\n.*a str", "read_recording"),
+        (lambda: ss.fit_transfer_function(FLIGHT, "q/de"), "needs a FrequencyResponse.*\n.*", "frequency_response("),
+        (lambda: ss.export_model(chosen(), "m.c"), f"{NO_MODEL}.*\n.*a Selection", "Pass its .model"),
+        (lambda: ss.write_recording(MODEL, "m.csv"), f"{NO_RECORDING}.*\n.*AeroModel", "first argument"),
+        (lambda: ss.AeroModel.from_terms(["alpha"]), "needs the values of terms by response", '{"CZ": {'),
         (lambda: ss.resimulate(AIRCRAFT, MODEL, FLIGHT), f"{NO_MODEL}.*\n.*Aircraft", "order is resimulate"),
         (lambda: ss.validate(FLIGHT, MODEL), "needs recordings.*\n.*AeroModel", "first argument"),
         (lambda: ss.validate(chosen(), FLIGHT), f"{NO_MODEL}.*\n.*a Selection", "Pass its .model"),
@@ -385,6 +404,8 @@ def test_a_pickled_selection_is_without_its_recordings_and_takes_them_again():
         ("EquationError", ()),
         ("LinearModel", ()),
         ("Validation", ("Cm",)),
+        ("Ensemble", ("Cm",)),
+        ("RecursiveEstimate", ()),
     ],
 )
 def test_a_result_plots_itself_on_the_axes_that_are_given(kind, arguments):
@@ -405,8 +426,11 @@ def test_a_bode_plot_is_drawn_on_the_figure_that_is_given(kind, count):
 
 
 def test_a_result_without_a_figure_says_which_have_one():
-    with pytest.raises(ArgumentError, match=r"no figure for a Candidates.*\n.*Selection"):
-        made("Candidates").plot()
+    for kind, remedy in (("Candidates", "plot the Selection"), ("Trim", "plot the modes of linearise")):
+        with pytest.raises(ArgumentError, match=rf"no figure for a {kind}\.\n.*{remedy}"):
+            ss.plotting.plot(made(kind))
+    with pytest.raises(ArgumentError, match=r"no figure for a LinearStructure\.\nIt has figures for .*Selection"):
+        ss.plotting.plot(made("LinearStructure"))
 
 
 @pytest.mark.parametrize("name", [name for name in ss.plotting.__all__ if name.startswith("plot")])

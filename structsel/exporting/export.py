@@ -20,6 +20,7 @@ from structsel.exporting.table import write_csv
 from structsel.files import replacing
 from structsel.model import AeroModel
 from structsel.nomenclature import suggest
+from structsel.recording.arguments import require_kind
 
 Target = Literal["jsbsim", "python", "c", "modelica", "latex", "csv", "summary"]
 TARGETS: tuple[str, ...] = get_args(Target)
@@ -76,6 +77,8 @@ def export_model(
 
     Raises
     ------
+    ArgumentError
+        The model or the aircraft are objects of another type.
     ModelError
         A target that is not known, a model with states, definitions or properties for another than JSBSim; for JSBSim
         also a response that is no coefficient, a channel that it does not have, or a file that does not end in
@@ -87,6 +90,10 @@ def export_model(
     DataError
         A file exists and `overwrite` is False, or it cannot be written.
     """
+    call = "export_model(model, path)"
+    require_kind(model, AeroModel, call)
+    if aircraft is not None:
+        require_kind(aircraft, Aircraft, call, "aircraft")
     path = Path(path)
     if to not in TARGETS:
         raise ModelError(f"There is no export to '{to}'.{suggest(to, TARGETS)} There are {', '.join(TARGETS)}.")

@@ -20,6 +20,7 @@ from structsel.numerics.transfer_functions import (
     ResponseData,
     fit_factored,
 )
+from structsel.recording.arguments import require_kind
 from structsel.results import NamedEstimates, Result
 from structsel.tables import Column, Summary, Table, text_column
 
@@ -206,6 +207,8 @@ def fit_transfer_function(
 
     Raises
     ------
+    ArgumentError
+        The response is an object of another type.
     ModelError
         A form that cannot be read, or a parameter that does not exist.
     ChannelError
@@ -217,6 +220,7 @@ def fit_transfer_function(
     ----------
     [TR12], [H79].
     """
+    require_kind(response, FrequencyResponse, "fit_transfer_function(response, forms)")
     if not isinstance(forms, Mapping):
         forms = {_name_of(response.pairs[0]): forms}
     pairs = [_pair_of(name, response) for name in forms]

@@ -15,6 +15,7 @@ from structsel.numerics.frequency_response import OVERLAP, combine_windows, cond
 from structsel.numerics.spectra import spectral_matrix
 from structsel.numerics.transfer_functions import DB, DEG
 from structsel.recording import Recording, require_recordings
+from structsel.recording.arguments import as_recordings
 from structsel.results import Result
 from structsel.tables import Column, Summary, Table
 
@@ -252,6 +253,8 @@ def frequency_response(
 
     Raises
     ------
+    ArgumentError
+        The recordings are objects of another type.
     ChannelError, DataError
         A channel is missing or has samples that are not finite; the sampling intervals differ; a channel is both an
         input and an output.
@@ -262,7 +265,7 @@ def frequency_response(
     ----------
     [TR12], [BP10], [W67].
     """
-    flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    flights = as_recordings(recordings, "frequency_response(recordings, outputs, inputs)")
     made = [(name,) if isinstance(name, str) else tuple(dict.fromkeys(name)) for name in (outputs, inputs)]
     shown, driving = made
     dt = _check(flights, shown, driving)

@@ -13,7 +13,7 @@ from structsel.errors import ChannelError, DataError, DomainError
 from structsel.formatting import count_of, finite_or_none
 from structsel.numerics.recursive_transforms import RecursiveTransforms
 from structsel.recording import Recording
-from structsel.results import NamedEstimates, Result
+from structsel.results import Estimates, NamedEstimates
 from structsel.tables import Summary
 
 SPACING = 0.04
@@ -24,7 +24,7 @@ _UNEVEN = 0.05  # of the sampling interval; chosen, not critical
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RecursiveEstimate(NamedEstimates, Result):
+class RecursiveEstimate(NamedEstimates, Estimates):
     """Parameters at one time.
 
     Attributes
@@ -54,6 +54,9 @@ class RecursiveEstimate(NamedEstimates, Result):
 
     def __post_init__(self) -> None:
         self.freeze()
+
+    def _estimates(self) -> tuple[tuple[str, ...], np.ndarray, np.ndarray, float]:
+        return self.names, self.values, self.std, np.inf
 
     @property
     def determined(self) -> bool:

@@ -21,6 +21,7 @@ from structsel.numerics.output_error import fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
 from structsel.options import takes_options
 from structsel.recording import Recording
+from structsel.recording.arguments import require_kind
 from structsel.results import Result
 from structsel.simulation.linear import LinearModel
 from structsel.tables import Column, Summary, Table, table_of_frame, text_column
@@ -151,9 +152,10 @@ def compare_inputs(
 
     Raises
     ------
-    ModelError
+    ArgumentError, ModelError
         As `design_inputs`.
     """
+    require_kind(model, LinearModel, "compare_inputs(model, noise=..., energy=...)")
     names = select_parameters(model, options.parameters)
     duration, dt, seed = options.duration, options.dt, options.seed
     sizes = parameter_sizes(model, names, options.parameter_scales)

@@ -19,6 +19,7 @@ from structsel.inputs.settings import DesignOptions
 from structsel.inputs.signals import clock
 from structsel.options import takes_options
 from structsel.recording import Recording, write_recording
+from structsel.recording.arguments import require_kind
 from structsel.results import Result
 from structsel.simulation.linear import LinearModel
 from structsel.tables import Column, Summary, Table, text_column
@@ -155,10 +156,13 @@ def design_inputs(model: LinearModel, *, noise: Mapping[str, float], options: De
 
     Raises
     ------
+    ArgumentError
+        The model is an object of another type.
     ModelError
         Unknown names, neither energy nor limits, a parameter that is zero without a scale, or parameters that no input
         can separate; the message names them.
     """
+    require_kind(model, LinearModel, "design_inputs(model, noise=...)")
     names = select_parameters(model, options.parameters)
     criterion, to_separate, energy, dt = options.criterion, options.to_separate, options.energy, options.dt
     limits, rate_limits = options.limits or {}, options.rate_limits or {}

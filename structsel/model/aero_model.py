@@ -13,7 +13,7 @@ import numpy as np
 
 from structsel.candidates import Term
 from structsel.deprecation import renamed_attribute
-from structsel.errors import ModelError, StructselError
+from structsel.errors import ArgumentError, ModelError, StructselError
 from structsel.formatting import count_of
 from structsel.model import files
 from structsel.model.dynamics import Quantity, State
@@ -78,7 +78,14 @@ class AeroModel(Result):
         ------
         TermError
             A term that cannot be read.
+        ArgumentError
+            The values are not given as mappings.
         """
+        if not (isinstance(terms, Mapping) and all(isinstance(held, Mapping) for held in terms.values())):
+            raise ArgumentError(
+                "from_terms needs the values of terms by response.",
+                remedy='Pass such as {"CZ": {"1": -0.055, "alpha": -5.6}}; "1" is the constant.',
+            )
         responses = {
             response: ResponseModel(tuple(map(Term, held)), np.array(list(held.values()), dtype=float), **fields)
             for response, held in terms.items()

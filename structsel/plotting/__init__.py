@@ -10,7 +10,7 @@ from structsel.deprecation import renamed_names
 from structsel.plotting.diagnosis import plot_difference_against, plot_error_by_stage, plot_explained, plot_time_history
 from structsel.plotting.frequency_domain import draw_frequency_response, plot_bode, plot_transfer_function
 from structsel.plotting.inputs import draw_inputs, plot_cramer_rao, plot_input
-from structsel.plotting.models import plot_estimates, plot_modes
+from structsel.plotting.models import plot_ensemble, plot_estimates, plot_modes, plot_recursive_estimates
 from structsel.plotting.plot import plot, plot_recording
 from structsel.plotting.qualification import draw_qualification, draw_qualification_test, plot_match
 from structsel.plotting.reconstruction import (
@@ -79,6 +79,7 @@ __all__ = [
     "plot_criteria",
     "plot_derivatives",
     "plot_difference_against",
+    "plot_ensemble",
     "plot_error_by_stage",
     "plot_estimate",
     "plot_estimates",
@@ -98,6 +99,7 @@ __all__ = [
     "plot_output",
     "plot_readings",
     "plot_recording",
+    "plot_recursive_estimates",
     "plot_residual_against",
     "plot_residual_with",
     "plot_resimulation",

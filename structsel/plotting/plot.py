@@ -7,13 +7,13 @@ from typing import Any
 from structsel.comparison import Mismatch
 from structsel.diagnosis import Diagnosis
 from structsel.errors import ArgumentError
-from structsel.frequency_domain import FrequencyResponse, TransferFunction
+from structsel.frequency_domain import FrequencyResponse, RecursiveEstimate, TransferFunction
 from structsel.inputs import InputComparison, InputDesign
 from structsel.model import AeroModel, ResponseModel
 from structsel.plotting.diagnosis import plot_time_history
 from structsel.plotting.frequency_domain import plot_bode, plot_transfer_function
 from structsel.plotting.inputs import plot_cramer_rao, plot_input
-from structsel.plotting.models import plot_estimates, plot_modes
+from structsel.plotting.models import plot_ensemble, plot_estimates, plot_modes
 from structsel.plotting.qualification import channels_of, plot_match
 from structsel.plotting.reconstruction import plot_constant, plot_nis
 from structsel.plotting.recordings import plot_histories, plot_mismatch_coherence
@@ -26,7 +26,7 @@ from structsel.recording import Recording
 from structsel.refinement import Derivatives, EquationError, EstimateComparison, Refinement
 from structsel.selection import Selection, Selections
 from structsel.simulation import LinearModel
-from structsel.validation import Resimulation, Score, Validation
+from structsel.validation import Ensemble, Resimulation, Score, Validation
 
 
 def plot_recording(recording: Recording, channel: str, *, ax: Any = None) -> Any:
@@ -65,10 +65,12 @@ def _plot_mismatch(found: Mismatch, response: str = "", *, ax: Any = None) -> An
 
 _FIGURES = {
     AeroModel: plot_estimates,
+    Ensemble: plot_ensemble,
     EquationError: plot_estimates,
     FrequencyResponse: plot_bode,
     LinearModel: plot_modes,
     Mismatch: _plot_mismatch,
+    RecursiveEstimate: plot_estimates,
     Qualification: _plot_qualification,
     Reconstructions: _plot_constants,
     Refinement: plot_output,
@@ -88,6 +90,11 @@ _FIGURES = {
     Selection: plot_intervals,
 }
 """First figure of each type of result."""
+_INSTEAD = {
+    "Candidates": "They are terms without data: plot the Selection, or structsel.plotting.plot_collinearity of it.",
+    "Trim": "It is one steady state: print it, or plot the modes of linearise(model, aircraft, trim).",
+}
+"""Results without a figure, with what to do."""
 
 
 def plot(result: Any, *arguments: Any, ax: Any = None, **options: Any) -> Any:
@@ -117,8 +124,10 @@ def plot(result: Any, *arguments: Any, ax: Any = None, **options: Any) -> Any:
     for kind, draw in _FIGURES.items():
         if isinstance(result, kind):
             return draw(result, *arguments, ax=ax, **options)  # type: ignore[operator]
+    name = type(result).__name__
     raise ArgumentError(
-        f"plot has no figure for a {type(result).__name__}.",
-        remedy=f"It has figures for {', '.join(sorted(kind.__name__ for kind in _FIGURES))}; "
+        f"plot has no figure for a {name}.",
+        remedy=_INSTEAD.get(name)
+        or f"It has figures for {', '.join(sorted(kind.__name__ for kind in _FIGURES))}; "
         "structsel.plotting has others.",
     )

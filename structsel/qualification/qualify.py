@@ -24,6 +24,7 @@ from structsel.qualification.result import (
 )
 from structsel.qualification.tolerances import TESTS, ObjectiveTest
 from structsel.recording import Recording, require_recordings
+from structsel.recording.arguments import as_recordings, require_kind
 from structsel.simulation import Atmosphere, trim
 from structsel.validation import resimulate
 
@@ -73,6 +74,8 @@ def qualify(
 
     Raises
     ------
+    ArgumentError
+        The models, the aircraft or the recordings are objects of another type.
     ModelError
         A kind that does not exist, or of a manoeuvre that does not exist.
     ChannelError, DataError, AircraftError
@@ -82,7 +85,12 @@ def qualify(
     ----------
     [FSTD].
     """
-    flights = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    call = "qualify(model, aircraft, recordings)"
+    require_kind(model, AeroModel, call)
+    require_kind(aircraft, Aircraft, call)
+    if corrected is not None:
+        require_kind(corrected, AeroModel, call, "corrected model")
+    flights = as_recordings(recordings, call)
     require_recordings(flights, samples=_FEWEST, by="qualify")
     parts = [part for flight in flights for part in split_by_input(flight) if len(part[0]) >= _FEWEST]
     _check_kinds(kinds or {}, [part.name for part, _ in parts])

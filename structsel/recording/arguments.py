@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from numbers import Real
 from typing import Any
 
 from structsel.errors import ArgumentError
@@ -28,6 +29,16 @@ _NOT_OF_KIND = {
         **dict.fromkeys(("Selection", "Selections", "Refinement", "Diagnosis"), "Pass its .model."),
         "dict": "Make a model of it: AeroModel.from_terms(terms).",
     },
+    "Trim": dict.fromkeys(("dict", "int", "float", "Recording"), "Find one first: trim(model, aircraft, V, h)."),
+    "LinearModel": {
+        "AeroModel": "Linearise it first: linearise(model, aircraft, trim(model, aircraft, V, h)).",
+        **dict.fromkeys(("str", "PosixPath", "WindowsPath"), "Make one: linearise(model, aircraft, trim)."),
+    },
+    "Instruments": {"dict": "Make them of it: Instruments(noise={...})."},
+    "FrequencyResponse": dict.fromkeys(
+        ("Recording", "list", "DataFrame"), "Compute it first: frequency_response(recordings, outputs, inputs)."
+    ),
+    "Recording": _NOT_RECORDINGS | {"DataFrame": "Make one of it: Recording.from_frame(frame)."},
 }
 
 
@@ -100,7 +111,7 @@ def as_one_recording(given: Any, call: str, several: str = "") -> Recording:
     )
 
 
-def require_kind(given: Any, kind: type, call: str) -> None:
+def require_kind(given: Any, kind: type, call: str, name: str = "") -> None:
     """Refuse an argument that is not of a type of structsel, such as Aircraft or AeroModel.
 
     Parameters
@@ -109,6 +120,8 @@ def require_kind(given: Any, kind: type, call: str) -> None:
     kind : type
     call : str
         Function that was called, with its arguments: ``"simulate(model, aircraft, inputs)"``.
+    name : str
+        Of an argument that `call` does not show.
 
     Raises
     ------
@@ -117,7 +130,20 @@ def require_kind(given: Any, kind: type, call: str) -> None:
     """
     if not isinstance(given, kind):
         remedy = _NOT_OF_KIND.get(kind.__name__, {}).get(type(given).__name__, f"The order is {call}.")
-        raise _refused(given, f"{_verb(call)} needs {_with_article(kind.__name__)}.", remedy)
+        text = f" as {name}" if name else ""
+        raise _refused(given, f"{_verb(call)} needs {_with_article(kind.__name__)}{text}.", remedy)
+
+
+def require_number(given: Any, name: str, unit: str, call: str) -> None:
+    """Refuse an argument that is not one number.
+
+    Raises
+    ------
+    ArgumentError
+        It is something else.
+    """
+    if not isinstance(given, Real) and getattr(given, "ndim", None) != 0:
+        raise _refused(given, f"{_verb(call)} needs {name} as a number [{unit}].", f"The order is {call}.")
 
 
 def require_names(given: Any, call: str) -> list[str]:
@@ -150,6 +176,8 @@ def _refused(given: Any, needs: str, remedy: str, where: str = "") -> ArgumentEr
 
 
 def _with_article(kind: str) -> str:
+    if kind.endswith("s") and kind != "Series":  # Instruments, Selections, Reconstructions
+        return kind
     return f"{'an' if kind[:1].lower() in 'aeiou' else 'a'} {kind}"
 
 

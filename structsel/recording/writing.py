@@ -12,6 +12,7 @@ from structsel.nomenclature import UNKNOWN, is_known
 from structsel.readers.parquet import METADATA
 from structsel.readers.table import SCHEMA
 from structsel.readers.text import AT_CG, PROVENANCE
+from structsel.recording.arguments import as_one_recording
 from structsel.recording.recording import Recording
 
 if TYPE_CHECKING:
@@ -42,9 +43,12 @@ def write_recording(recording: Recording, path: str | Path, *, overwrite: bool =
 
     Raises
     ------
+    ArgumentError
+        It is no recording.
     DataError
         The file exists and `overwrite` is False, the suffix is not one of these, or the file cannot be written.
     """
+    recording = as_one_recording(recording, "write_recording(recording, path)")
     path = Path(path)
     write = {".csv": _write_csv, ".parquet": _write_parquet}.get(path.suffix.lower())
     if write is None:

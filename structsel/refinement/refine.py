@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.errors import ModelError, RefinementError
+from structsel.errors import ArgumentError, ModelError, RefinementError
 from structsel.model import AeroModel
 from structsel.numerics.global_search import GlobalSearch, search_globally
 from structsel.numerics.output_error import OutputErrorFit, fit_output_error
@@ -17,7 +17,7 @@ from structsel.numerics.output_error_problem import Constraint, OutputErrorProbl
 from structsel.numerics.score_covariance import score_covariance, spectral_score_covariance
 from structsel.options import takes_options
 from structsel.recording import Recording
-from structsel.recording.arguments import as_recordings
+from structsel.recording.arguments import as_recordings, require_kind
 from structsel.refinement.estimate_checks import check_estimates
 from structsel.refinement.filter_error import FilterErrorProblem, iterate_noise
 from structsel.refinement.frequency import FrequencyProblem, check_frequency
@@ -74,6 +74,8 @@ def refine(
 
     Raises
     ------
+    ArgumentError
+        The model, the aircraft or the recordings are objects of another type.
     ModelError
         A name that is not the model's, bounds that cross.
     DataError
@@ -175,6 +177,7 @@ def _make_flight(model: Any, aircraft: Aircraft | None, options: RefineOptions) 
     if isinstance(model, AeroModel):
         if aircraft is None:
             raise ModelError("refine needs the aircraft to simulate an AeroModel; it was given None.")
+        require_kind(aircraft, Aircraft, "refine(model, aircraft, recordings)")
         return NonlinearFlight(
             model,
             aircraft,
@@ -183,8 +186,8 @@ def _make_flight(model: Any, aircraft: Aircraft | None, options: RefineOptions) 
             substeps=options.substeps,
             delayed=delayed,
         )
-    raise ModelError(
-        f"refine takes a LinearModel, a LinearStructure or an AeroModel; it was given a {type(model).__name__}. "
+    raise ArgumentError(
+        f"refine takes a LinearModel, a LinearStructure or an AeroModel; it was given a {type(model).__name__}.\n"
         "Name the parameters of a linear system with LinearStructure.from_entries()."
     )
 

@@ -21,6 +21,7 @@ from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import STATES, outputs_index
 from structsel.numerics.flight_simulation import central_differences
 from structsel.numerics.linear_models import LinearFamily, LinearSystem
+from structsel.recording.arguments import require_kind
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import prepare
 from structsel.simulation.linear import LinearModel
@@ -71,6 +72,8 @@ def linearise(
 
     Raises
     ------
+    ArgumentError
+        The model, the aircraft or the trim are objects of another type.
     ModelError
         An axis, a state or an input that there is not.
     ChannelError
@@ -82,6 +85,10 @@ def linearise(
         The model has states of its own; they follow at once in the linear model. Or it lacks a coefficient of the
         axis, which is taken as zero.
     """
+    call = "linearise(model, aircraft, trim)"
+    require_kind(model, AeroModel, call)
+    require_kind(aircraft, Aircraft, call)
+    require_kind(trim, Trim, call)
     if axis not in _AXES:
         raise ModelError(f"axis={axis!r} is not one of {', '.join(map(repr, _AXES))}.")
     chosen = tuple(states or _AXES[axis])

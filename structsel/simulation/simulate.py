@@ -21,6 +21,7 @@ from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import Between, FlightSetup, Inputs, Start, as_inputs, prepare
 from structsel.simulation.instruments import Actuator, Instruments
 from structsel.simulation.missing_responses import warn_missing
+from structsel.simulation.steady_flight import Trim
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -109,6 +110,10 @@ def simulate(
     require_kind(model, AeroModel, call)
     require_kind(aircraft, Aircraft, call)
     inputs = as_inputs(inputs, call)
+    if start is not None and not isinstance(start, Mapping):
+        require_kind(start, Trim, call, "start, or a mapping of V, alpha, theta and h")
+    if instruments is not None:
+        require_kind(instruments, Instruments, call)
     check_outside(outside)
     vanes = None if instruments is None else instruments.vane_errors
     setup = prepare(

@@ -17,6 +17,7 @@ from structsel.numerics.atmosphere import G0
 from structsel.numerics.flight_model import OUTPUTS
 from structsel.numerics.flight_simulation import state_derivatives
 from structsel.options import option, takes_options
+from structsel.recording.arguments import require_kind, require_number
 from structsel.simulation.atmosphere import Atmosphere
 from structsel.simulation.flight_setup import FlightSetup, prepare
 from structsel.simulation.missing_responses import warn_missing
@@ -92,6 +93,8 @@ def trim(model: AeroModel, aircraft: Aircraft, V: float, h: float, *, options: T
 
     Raises
     ------
+    ArgumentError
+        The model, the aircraft, V or h are objects of another type.
     SimulationError
         No trim exists within the limits; ``.partial`` is the nearest found, a `Trim`.
     ModelError
@@ -109,6 +112,11 @@ def trim(model: AeroModel, aircraft: Aircraft, V: float, h: float, *, options: T
     ----------
     [KM16] ch. 3.
     """
+    call = "trim(model, aircraft, V, h)"
+    require_kind(model, AeroModel, call)
+    require_kind(aircraft, Aircraft, call)
+    require_number(V, "V", "m/s", call)
+    require_number(h, "h", "m", call)
     if not V > 0.0:
         raise DomainError(f"trim needs an airspeed V above zero; it is {V:g} m/s.")
     warn_missing(model, stacklevel=4)  # through takes_options
