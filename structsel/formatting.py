@@ -93,15 +93,15 @@ def format_in_unit(value: float, unit: str, digits: int = 3) -> str:
 def format_estimate(value: float, std: float, unit: str = "", sign: str = "+-") -> str:
     """Return an estimate and its standard deviation, rounded to the first uncertain digit; angles in degrees.
 
-    >>> format_estimate(0.67643, 0.0142), format_estimate(0.1, 0.002, "rad")
-    ('0.676 +- 0.014', '5.73 +- 0.11 deg')
+    >>> format_estimate(0.67643, 0.0142), format_estimate(0.1, 0.002, "rad"), format_estimate(-5.4e-5, 4.1e-4, "V")
+    ('0.676 +- 0.014', '5.73 +- 0.11 deg', '-0.0001 +- 0.0004 V')
     """
     factor, name = display_unit(unit)
     value, std = factor * value, factor * std
     shown = f" {name}" if name else ""
     if not (math.isfinite(std) and std > 0.0):
         return f"{format_number(value, 3)}{shown}"
-    if not 1e-3 <= max(abs(value), std) < 1e5:
+    if not 1e-4 <= max(abs(value), std) < 1e5:
         return f"{_shorten_exponent(f'{value:.3g} {sign} {std:.1g}')}{shown}"
     # One uncertain digit; two where the first is a 1.
     digits = max(-math.floor(math.log10(std)) + (f"{std:e}"[0] == "1"), 0)

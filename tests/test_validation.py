@@ -197,6 +197,22 @@ def test_warnings_are_stated_with_the_numbers():
     assert any("leaves the ranges the model was identified in: alpha [rad]" in d for d in validate(TRUTH, wide).doubts)
 
 
+def test_of_many_recordings_that_leave_a_range_the_farthest_is_named():
+    t = 0.1 * np.arange(50)
+    model = AeroModel({"Cm": ResponseModel(("1", "alpha"), [0.1, -0.5], ranges={"alpha": (0.0, 0.2)})})
+
+    def flights(count):  # m1 reaches 0.21, m2 0.22, ...
+        return [Recording(f"m{k}", t, {"alpha": np.linspace(0.0, 0.2 + 0.01 * k, 50)}) for k in range(1, count + 1)]
+
+    assert [text.split(" leaves ")[0] for text in model.warnings_on(flights(3))] == ["'m1'", "'m2'", "'m3'"]
+    (text,) = model.warnings_on(flights(4))
+    assert text.startswith("4 of 4 recordings leave the ranges the model was identified in, 'm4' farthest: alpha [rad]")
+    used = AeroModel(model.responses, recordings=("m1", "m2", "m3", "m4"))
+    assert used.warnings_on(flights(4))[1] == (
+        "'m1', 'm2', 'm3' and 'm4' were used to identify the model: their scores describe the fit."
+    )
+
+
 def test_the_tables_hold_every_score():
     validation = validate(TRUTH, [make_recording("m01", 1), make_recording("m02", 2)])
     frame = validation.to_frame()

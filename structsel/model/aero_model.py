@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -14,7 +14,7 @@ import numpy as np
 from structsel.candidates import Term
 from structsel.deprecation import renamed_attribute
 from structsel.errors import ArgumentError, ModelError, StructselError
-from structsel.formatting import count_of
+from structsel.formatting import count_of, join_names
 from structsel.model import files
 from structsel.model.dynamics import Quantity, State
 from structsel.model.ranges import RangeExcursion, check_outside, find_excursions, report_excursions
@@ -27,6 +27,9 @@ from structsel.tables import Summary
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_RANGES = "the ranges the model was identified in"
+_EACH = 3  # recordings with the same warning that have a line each
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,12 +154,27 @@ class AeroModel(Result):
         """Channels that a recording takes outside the recorded ranges, and how far."""
         return find_excursions(source, self.ranges)
 
-    def warnings_on(self, recording: Recording) -> list[str]:
-        """Reasons to doubt the model on a recording: it leaves the recorded ranges, or was used to identify it."""
-        outside = self.range_excursions(recording)
-        texts = [f"'{recording.name}' leaves the ranges the model was identified in: {each}" for each in outside]
-        if recording.name in self.recordings:
-            texts.append(f"'{recording.name}' was used to identify the model: its scores describe the fit.")
+    def warnings_on(self, recordings: Recording | Sequence[Recording]) -> list[str]:
+        """Reasons to doubt the model on recordings: they leave the recorded ranges, or were used to identify it.
+
+        Of many recordings that leave the range of a channel, the one that leaves it farthest is described.
+        """
+        given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+        found = [(recording.name, one) for recording in given for one in self.range_excursions(recording)]
+        texts = []
+        by_channel = {one.channel: [pair for pair in found if pair[1].channel == one.channel] for _, one in found}
+        if max(map(len, by_channel.values()), default=0) <= _EACH:
+            texts = [f"'{name}' leaves {_RANGES}: {one}" for name, one in found]
+        else:
+            for several in by_channel.values():
+                name, one = max(several, key=lambda pair: max(pair[1].below, pair[1].above))
+                leave = f"{len(several)} of {len(given)} recordings leave {_RANGES}"
+                texts.append(f"{leave}, '{name}' farthest: {one}")
+        used = [f"'{recording.name}'" for recording in given if recording.name in self.recordings]
+        if 0 < len(used) <= _EACH:
+            texts += [f"{name} was used to identify the model: its scores describe the fit." for name in used]
+        elif used:
+            texts.append(f"{join_names(used)} were used to identify the model: their scores describe the fit.")
         return texts
 
     def evaluate(self, source: Any, *, outside: Literal["warn", "ignore", "raise"] = "warn") -> dict[str, np.ndarray]:

@@ -174,7 +174,7 @@ class Qualification(Result):
         columns += [] if history else [Column("recorded")]
         for stage in self.stages:
             name = stage if self.corrected else "simulated"
-            columns += [Column(f"{name}, error" if history else name), Column("of tolerance", "%")]
+            columns += [Column(f"{name}, error" if history else name), Column("of tolerance", "%", detail=True)]
             columns += [text_column("result")]
         rows = []
         for checks in zip(*(one.checks[stage] for stage in self.stages)):

@@ -32,7 +32,7 @@ function ticks(low, high, count) {
 
 /* Ticks of x whose labels do not touch each other. */
 function ticksOf(x0, x1, width, whole) {
-  for (let count = Math.max(2, Math.min(10, width / 70)); ; count /= 1.4) {
+  for (let count = Math.max(3, Math.min(10, width / 70)); ; count /= 1.4) {
     const made = ticks(x0, x1, count).filter(x => !whole || x % 1 === 0);
     const widest = DIGIT * Math.max(0, ...made.map(x => formatNumber(x, 6).length));
     if (made.length < 3 || (made[1] - made[0]) / (x1 - x0) * width > widest + 10) return made;

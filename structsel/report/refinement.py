@@ -221,7 +221,8 @@ def _search(found: Refinement) -> str:
         generations = count_of(len(found.search.costs), "generation")
         evolution = f"Global search over {generations} with {found.search.evaluations} simulations. "
     steps = count_of(len(found.costs) - 1, "step")
-    cost = f"cost from {format_number(found.costs[0], 6)} to {format_number(found.costs[-1], 6)}"
+    first, last = (f"{cost:.0f}" if abs(cost) >= 1e5 else format_number(cost, 6) for cost in found.costs[[0, -1]])
+    cost = f"cost from {first} to {last}"
     return f"{evolution}Descent in {steps}, {cost}; {found.message}."
 
 

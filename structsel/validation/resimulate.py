@@ -145,7 +145,7 @@ def resimulate(
             pairs = [(r[name], s[name]) for r, s in zip(flights, simulations)]
             pooled.append(score_output(kind, "all", name, pairs, held.get(name), normaliser))
     missing = describe_missing(model, missing_responses(model, lateral=lateral))
-    doubts = [*([missing] if missing else []), *(text for r in flights for text in model.warnings_on(r))]
+    doubts = [*([missing] if missing else []), *model.warnings_on(flights)]
     return Resimulation(
         model.name, shown, window, normaliser, {name: held[name] for name in shown if name in held}, tuple(scores),
         tuple(pooled), tuple(divergences), tuple(flights), tuple(simulated["whole"]), tuple(simulated["windows"]),

@@ -221,16 +221,15 @@ def validate(
         raise ModelError(f"validate: constants={constants!r} is not one of 'auto', 'model', 'own'.")
     own = {name for name in wanted if constants == "own" or (constants == "auto" and part[name].constants)}
     scores: list[Score] = []
-    doubts: list[str] = []
     held: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {name: [] for name in wanted}
     for recording in recordings:
         recording.require(*part.channels, *wanted, finite=True, by="validate")
         modelled = part.evaluate(recording, outside="ignore")
-        doubts += part.warnings_on(recording)
         for name in wanted:
             pair = np.asarray(recording[name]), modelled[name]
             held[name].append((pair[0] - pair[0].mean(), pair[1] - pair[1].mean()) if name in own else pair)
             scores.append(_score(name, recording.name, held[name][-1:], part, normaliser, lags))
+    doubts = part.warnings_on(recordings)
     if own and constants == "auto":
         doubts.append(
             f"{', '.join(sorted(own))}: identified with a constant of each recording, so compared about the means of "
