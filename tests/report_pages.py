@@ -12,6 +12,7 @@ from structsel import (
     Recording,
     ResponseModel,
     published_aircraft,
+    qualify,
     reconstruct,
     refine,
     resimulate,
@@ -85,6 +86,14 @@ def refined():
     found = refine(model, aircraft.aircraft, flights[:1], free=free, outputs=outputs, starts=["w", "q", "theta"])
     pair = {"before": model, "after": found.model}
     return found, flights, {name: resimulate(one, aircraft.aircraft, flights[1:]) for name, one in pair.items()}
+
+
+@cache
+def qualified():
+    """Proof of match of one elevator manoeuvre, before and after a correction."""
+    true = published_aircraft("citation")
+    found, flights, _ = refined()
+    return qualify(found.model, true.aircraft, flights[:1], corrected=true.model)
 
 
 @cache

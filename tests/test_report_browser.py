@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.report_pages import pages
+from structsel.report import write_qualification
+from tests.report_pages import pages, qualified
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs the extra 'browser'")
 
@@ -41,6 +42,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("reports")
     for kind, text in pages().items():
         (folder / f"{kind}.html").write_text(text, encoding="utf-8")
+    write_qualification(qualified(), folder)
     return folder
 
 
@@ -75,7 +77,7 @@ def test_a_report_opens_from_a_file_draws_its_figures_and_asks_for_nothing_else(
     assert page.asked == [(files / f"{kind}.html").as_uri()]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, "qtg"])
 def test_nothing_runs_out_of_a_phone(kind, opened):
     page = opened(kind, wide=360)
     assert page.evaluate("document.documentElement.scrollWidth") == 360
@@ -228,7 +230,7 @@ def axe():
     return found.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [*KINDS, "qtg"])
 def test_axe_finds_nothing_serious_or_critical(kind, opened, axe):
     page = opened(kind, bypass_csp=True)
     page.evaluate(axe)

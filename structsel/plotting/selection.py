@@ -91,7 +91,8 @@ def plot_fit(
     bottom.axhline(0.0, color=SECONDARY, lw=0.8, zorder=0)
     top.set_ylabel(label(response, units))
     bottom.set_ylabel(label(response, units, text="residual"))
-    bottom.set_xlabel(TIME if len(flights) == 1 else f"{TIME}, manoeuvres one after another")
+    order = ", numbered as they are given" if len(flights) > _MAX_NAMES else ""
+    bottom.set_xlabel(TIME if len(flights) == 1 else f"{TIME}, manoeuvres one after another{order}")
     top.legend(loc="best", fontsize="small", ncols=2)
     for one in (top, bottom):
         add_grid(one)
