@@ -22,6 +22,8 @@ from scipy.linalg import cho_factor, cho_solve, eig, expm, solve_toeplitz
 from scipy.signal import butter, lfilter
 
 NOISE_MODELS = ("white", "ar1_0.92", "ar1_0.98", "ar2_mode_3Hz", "lowpass_1Hz+white", "smoothed_5pt")
+SUM_MODEL = "ar1_0.95+mode_3Hz"
+"""AR(1) of 0.95 and a mode of 3 Hz with a damping ratio of 0.08, of equal variance: no autoregression of low order."""
 SIGNALS = ("alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "V_ratio", "throttle")
 DT = 0.02
 WEAK_T = (7.0, 10.0, 13.0)
@@ -153,6 +155,10 @@ def residual(noise_model: str, n: int, rng: np.random.Generator) -> np.ndarray:
         b, a = _lowpass()
         slow = lfilter(b, a, white) / np.sqrt(_power(b, a))
         e = np.sqrt(0.8) * slow + np.sqrt(0.2) * rng.standard_normal(n + _BURN_IN)
+    elif noise_model == SUM_MODEL:
+        e = np.zeros(white.size)
+        for b, a in map(_shaping, noise_model.split("+")):
+            e += np.sqrt(0.5 / _power(b, a)) * lfilter(b, a, rng.standard_normal(white.size))
     else:
         b, a = _shaping(noise_model)
         e = lfilter(b, a, white) / np.sqrt(_power(b, a))
@@ -163,16 +169,16 @@ def true_ar(noise_model: str, order: int = 40) -> tuple[np.ndarray, float]:
     """The noise model as (ar, innovation std / residual std); a fit to the true spectrum where not AR."""
     if noise_model == "white":
         return np.empty(0), 1.0
-    if noise_model.startswith("ar"):
+    if noise_model.startswith("ar") and noise_model != SUM_MODEL:
         a = _shaping(noise_model)[1]
         return -a[1:], float(1 / np.sqrt(_power(np.ones(1), a)))
     if noise_model == "smoothed_5pt":
         c = np.zeros(order + 1)
         c[:5] = (5 - np.arange(5)) / 5
+    elif noise_model == SUM_MODEL:
+        c = 0.5 * sum(_correlation(*_shaping(part), order) for part in noise_model.split("+"))
     else:
-        b, a = _lowpass()
-        h = lfilter(b, a, np.eye(1, 4000)[0])
-        c = 0.8 * np.array([h[: len(h) - k] @ h[k:] for k in range(order + 1)]) / (h @ h)
+        c = 0.8 * _correlation(*_lowpass(), order)
         c[0] += 0.2
     ar = solve_toeplitz(c[:-1], c[1:])
     return ar, float(np.sqrt(1 - ar @ c[1:]))
@@ -196,7 +202,7 @@ def recovery_case(
     Parameters
     ----------
     noise_model : str
-        One of `NOISE_MODELS`.
+        One of `NOISE_MODELS`, or `SUM_MODEL`.
     seed : int
         The flights, the truth and the residual follow from it alone.
     n : int
@@ -208,14 +214,15 @@ def recovery_case(
     weak_t : tuple of float
         True value of each weak term in its standard errors.
     """
-    if noise_model not in NOISE_MODELS:
-        raise ValueError(f"noise_model must be one of {NOISE_MODELS}, not {noise_model!r}")
+    models = (*NOISE_MODELS, SUM_MODEL)
+    if noise_model not in models:
+        raise ValueError(f"noise_model must be one of {models}, not {noise_model!r}")
     lengths = [len(part) for part in np.array_split(np.arange(n), n_manoeuvres)]
     bases = [flight_signals(m, 1000 * seed + k, n_signals) for k, m in enumerate(lengths)]
     exponents = monomials(n_signals, degree)
     ar, innovation = true_ar(noise_model)
     gram, variance, m_draw = _whitened_gram(bases, exponents, ar)
-    rng = np.random.default_rng([seed, 33, NOISE_MODELS.index(noise_model), degree])
+    rng = np.random.default_rng([seed, 33, models.index(noise_model), degree])
     responses: list[list[np.ndarray]] = [[] for _ in bases]
     first = None
     for k in range(n_responses):
@@ -364,9 +371,18 @@ def _shaping(noise_model: str) -> tuple[np.ndarray, np.ndarray]:
     if noise_model == "ar2_mode_3Hz":  # a structural mode of 3 Hz, 5 % damped
         radius = np.exp(-0.05 * 2 * np.pi * 3.0 * DT)
         return np.ones(1), np.array([1.0, -2 * radius * np.cos(2 * np.pi * 3.0 * DT), radius**2])
+    if noise_model == "mode_3Hz":
+        radius = np.exp(-0.08 * 2 * np.pi * 3.0 * DT)
+        return np.ones(1), np.array([1.0, -2 * radius * np.cos(2 * np.pi * 3.0 * DT), radius**2])
     if noise_model == "smoothed_5pt":
         return np.full(5, 0.2), np.ones(1)
     raise ValueError(f"noise_model must be one of {NOISE_MODELS}, not {noise_model!r}")
+
+
+def _correlation(b: np.ndarray, a: np.ndarray, order: int) -> np.ndarray:
+    """Autocorrelation of white noise through b/a at lags 0 to `order`."""
+    h = lfilter(b, a, np.eye(1, 4000)[0])
+    return np.array([h[: len(h) - k] @ h[k:] for k in range(order + 1)]) / (h @ h)
 
 
 def _lowpass() -> tuple[np.ndarray, np.ndarray]:

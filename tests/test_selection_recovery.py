@@ -5,12 +5,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from structsel.numerics.criteria import ebic, ebic_F_in, familywise_F_in
+from structsel.numerics.cross_products import cross_products
 from structsel.numerics.regressors import ArrayData
 from structsel.selection import SelectOptions, parsimony, select_arrays
+from structsel.selection.methods import SearchConstraints
 from structsel.selection.methods.method import automatic_F_in
 from structsel.selection.parsimony import Simplest, is_larger
+from structsel.selection.search import Search, fold_blocks
 
 
 def test_a_term_lowers_the_extended_bic_exactly_where_its_F_is_above_the_threshold():
@@ -53,7 +57,8 @@ class Errors:
 
 
 def simplest_of(complete, lower, monkeypatch):
-    monkeypatch.setattr(parsimony, "fold_errors", lambda s: np.array(s.repeated if s.fixed is None else s.given))
+    monkeypatch.setattr(parsimony, "fold_errors", lambda search: np.array(search.repeated))
+    monkeypatch.setattr(parsimony, "unit_errors", lambda search: np.array(search.given))
     models = [(complete, (0, 1, 2)), (lower, (0, 1))]
     tried = [Simplest(errors, SimpleNamespace(selected=terms)) for errors, terms in models]
     return len(parsimony._fewest_terms(tried).result.selected)
@@ -65,6 +70,20 @@ def test_a_smaller_model_is_not_taken_where_the_terms_of_the_complete_one_clearl
     steady = (10.0, 10.0, 11.0, 10.0)
     assert simplest_of(Errors(complete, steady), Errors(lower, steady), monkeypatch) == 2
     assert simplest_of(Errors(complete, steady), Errors(lower, lower), monkeypatch) == 3
+
+
+def test_errors_of_three_manoeuvres_are_compared_by_blocks():
+    # y = x0 + x1 in three manoeuvres; the errors of all blocks add up to those of the folds.
+    rng = np.random.default_rng(3)
+    manoeuvres = []
+    for _ in range(3):
+        base = rng.standard_normal((2, 1200))
+        manoeuvres.append(ArrayData(base, (base.sum(axis=0) + rng.standard_normal(1200))[None]))
+    products = cross_products(manoeuvres, np.eye(2, dtype=int), blocks=12)
+    search = Search(products, SelectOptions(noise="white"), SearchConstraints(np.ones(2)), fold_blocks(products))
+    errors = parsimony.unit_errors(search)
+    assert errors.size == products.n_blocks == 12
+    assert_allclose(errors.sum(), parsimony.fold_errors(search).sum(), rtol=1e-9)
 
 
 def test_orthogonal_functions_drop_a_proxy_that_later_ones_explain():

@@ -6,8 +6,9 @@ manoeuvre's residual::
 
     e[t] = sum_l ar[l-1] e[t-l] + w[t],    w white with standard deviation sigma
 
-is fitted by least squares, its order chosen by BIC. The same filter applied to response and regressors keeps the
-parameters of the regression and makes its residuals white.
+is fitted by least squares, its order chosen by BIC. Several manoeuvres have one autoregression, each with its own
+sigma, where BIC prefers that: short manoeuvres alone determine only a low order, and intervals are then too narrow. The
+same filter applied to response and regressors keeps the parameters of the regression and makes its residuals white.
 
 The other remedy keeps the estimates of ordinary least squares and corrects their covariance; see `score_covariance`.
 
@@ -28,6 +29,9 @@ from numpy.typing import NDArray
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.compiling import njit
+
+COMMON_ROUNDS = 3  # of a common autoregression and the levels of the manoeuvres, which start near the solution
+
 
 # ---------------------------------------------------------------- autoregressive noise models
 
@@ -103,6 +107,35 @@ class LagProducts:
             self.n += count
         self._past = series[max(0, series.size - self.max_order) :]
 
+    def factor(self) -> Array:
+        """Triangular factor of the products, which a small ridge keeps positive definite."""
+        ridge = 1e-13 * np.trace(self.products) / (self.max_order + 1)
+        return scipy.linalg.cholesky(self.products + ridge * np.eye(self.max_order + 1), lower=False)
+
+    def up_to(self, order: int) -> LagProducts:
+        """Products of the same samples for a lower maximum order."""
+        kept = [*range(order), self.max_order]
+        return LagProducts.of(self.products[np.ix_(kept, kept)], self.n)
+
+    def residual_squares(self, ar: Array) -> float:
+        """Sum of squares that this autoregression, of at most the maximum order, leaves."""
+        weights = np.zeros(self.max_order + 1)
+        weights[: ar.size], weights[-1] = -ar, 1.0
+        return float(np.sum((self.factor() @ weights) ** 2))
+
+    @classmethod
+    def of(cls, products: Array, n: int) -> LagProducts:
+        """From the products of ``n`` samples."""
+        lags = cls(len(products) - 1)
+        lags.products, lags.n = products, n
+        return lags
+
+
+def weighted_sum(lags: Sequence[LagProducts], weights: Array) -> LagProducts:
+    """Sum of products of the same maximum order, each with its weight."""
+    products = np.tensordot(weights, np.stack([of.products for of in lags]), 1)
+    return LagProducts.of(products, sum(of.n for of in lags))
+
 
 def fit_ar(lags: LagProducts, floor: float = 0.0) -> ARNoise:
     """Autoregression of the order with the least BIC, from order zero up.
@@ -130,13 +163,46 @@ def fit_ar(lags: LagProducts, floor: float = 0.0) -> ARNoise:
     energy = lags.products[-1, -1]
     if not energy > n * floor**2 or energy == 0.0:
         return ARNoise(np.empty(0), max(floor, np.sqrt(energy / n), np.finfo(float).tiny))
-    ridge = 1e-13 * np.trace(lags.products) / (top + 1)
-    factor = scipy.linalg.cholesky(lags.products + ridge * np.eye(top + 1), lower=False)
+    factor = lags.factor()
     rss = np.cumsum(factor[::-1, -1] ** 2)[::-1]  # rss[k]: residual sum of squares at order k
     bic = n * np.log(rss) + np.arange(top + 1) * np.log(n)
     order = int(np.argmin(bic))
     ar = scipy.linalg.solve_triangular(factor[:order, :order], factor[:order, -1]) if order else np.empty(0)
     return ARNoise(ar, max(float(np.sqrt(rss[order] / (n - order))), floor))
+
+
+def fit_ar_of_manoeuvres(lags: Sequence[LagProducts], floor: float = 0.0) -> tuple[ARNoise, ...]:
+    """Autoregression of each manoeuvre, or one of all with a sigma of each, whichever has the least BIC.
+
+    ::
+
+        sum_k n_k log(rss_k / n_k) + L_k log n_k         one of each manoeuvre
+        sum_k n_k log(rss_k / n_k) + L log(sum_k n_k)    one of all
+
+    The common autoregression weights each manoeuvre by 1 / sigma_k^2, and is found in turn with these.
+
+    Parameters
+    ----------
+    lags : sequence of LagProducts
+        Of each manoeuvre's residual.
+    floor : float
+        As for `fit_ar`.
+    """
+    own = tuple(fit_ar(of, floor) for of in lags)
+    if len(lags) < 2 or any(model.sigma <= floor for model in own):
+        return own
+    n = np.array([of.n for of in lags])
+    nested = [of.up_to(min(of.max_order for of in lags)) for of in lags]
+    variance = np.array([model.sigma**2 for model in own])
+    for _ in range(COMMON_ROUNDS):
+        common = fit_ar(weighted_sum(nested, 1.0 / variance))
+        variance = np.array([of.residual_squares(common.ar) for of in nested]) / n
+    alone = np.array([of.residual_squares(model.ar) for of, model in zip(lags, own, strict=True)]) / n
+    orders = np.array([model.order for model in own])
+    if n @ np.log(variance) + common.order * np.log(n.sum()) >= n @ np.log(alone) + orders @ np.log(n):
+        return own
+    sigma = np.maximum(np.sqrt(variance / (1.0 - common.order / n.sum())), floor)
+    return tuple(ARNoise(common.ar, float(of)) for of in sigma)
 
 
 def pooled_innovation_std(models: Sequence[ARNoise], n: Sequence[int]) -> float:

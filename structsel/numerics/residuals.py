@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, Progress, Samples, attach_data, complete_manoeuvres
 from structsel.numerics.least_squares import LeastSquaresFit, response_rows
-from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar
+from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar_of_manoeuvres
 from structsel.numerics.regressors import DataSource, RegressorChunks, Scales, column_scale, find_scales, words_of
 from structsel.numerics.score_covariance import score_covariance, split_for_correlation
 
@@ -58,7 +58,7 @@ def fit_residual_noise(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> list[tuple[ARNoise, ...]]:
-    """AR models of each manoeuvre's residuals, order by BIC, in one pass.
+    """AR models of the residuals, of each manoeuvre or common to all, by BIC, in one pass.
 
     Parameters
     ----------
@@ -82,26 +82,38 @@ def fit_residual_noise(
     scales = scales or find_scales(manoeuvres)
     residuals = [Residuals(*of, scales) for of in zip(exponents, theta, responses, strict=True)]
     blocks = attach_data(complete_manoeuvres([m.n for m in manoeuvres]), manoeuvres)
-    width = len(residuals) * (2 + max_order)
-    function = partial(_noise_of_block, residuals, floors, max_order)
-    sizes = [len(block) * width for block in blocks]
+    width = (max_order + 1) ** 2
+    function = partial(_lags_of_block, residuals, max_order)
+    sizes = [len(block) * len(residuals) * width for block in blocks]
     values = (runner or JobRunner()).run_pass(function, blocks, sizes, workers, progress)
-    table = values.reshape(len(manoeuvres), len(residuals), 2 + max_order)
-    return [tuple(ARNoise(row[2 : 2 + int(row[0])].copy(), float(row[1])) for row in of) for of in table.swapaxes(0, 1)]
+    table = values.reshape(len(manoeuvres), len(residuals), width)
+    orders = [_longest_lag(m.n, max_order) for m in manoeuvres]
+    return [
+        fit_ar_of_manoeuvres(
+            [
+                LagProducts.of(row[: (order + 1) ** 2].reshape(order + 1, -1), m.n - order)
+                for row, order, m in zip(of, orders, manoeuvres, strict=True)
+            ],
+            floor,
+        )
+        for of, floor in zip(table.swapaxes(0, 1), floors, strict=True)
+    ]
 
 
-def _noise_of_block(
-    residuals: Sequence[Residuals], floors: Sequence[float], max_order: int, block: Sequence[Samples]
-) -> Array:
-    """Order, sigma and coefficients, padded, of every response in every manoeuvre of a block."""
-    table = np.zeros((len(block), len(residuals), 2 + max_order))
+def _longest_lag(n: int, max_order: int) -> int:
+    """Maximum order of a manoeuvre of n samples."""
+    return max(0, min(max_order, n // SAMPLES_PER_ORDER - 1))
+
+
+def _lags_of_block(residuals: Sequence[Residuals], max_order: int, block: Sequence[Samples]) -> Array:
+    """Lag products, padded, of every response in every manoeuvre of a block."""
+    table = np.zeros((len(block), len(residuals), (max_order + 1) ** 2))
     for rows, part in zip(table, block, strict=True):  # each manoeuvre is read once for all responses
-        for row, residual, floor in zip(rows, residuals, floors, strict=True):
-            lags = LagProducts(max(0, min(max_order, part.source.n // SAMPLES_PER_ORDER - 1)))
+        for row, residual in zip(rows, residuals, strict=True):
+            lags = LagProducts(_longest_lag(part.source.n, max_order))
             for chunk in residual.over(part):
                 lags.add(chunk)
-            model = fit_ar(lags, floor)
-            row[0], row[1], row[2 : 2 + model.order] = model.order, model.sigma, model.ar
+            row[: lags.products.size] = lags.products.ravel()
     return table.ravel()
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
+from structsel.selection.resampling import bootstrap_units
 from structsel.selection.search import (
     ROUNDING,
     Search,
@@ -57,6 +58,20 @@ def fold_errors(search: Search, test: CrossProducts | None = None) -> Array:
     return np.array(errors)
 
 
+def unit_errors(search: Search) -> Array:
+    """Squared error of each unit of the bootstrap, (U,), predicted by a selection without its fold.
+
+    Units are manoeuvres from eight on, and else blocks: three differences, one for each manoeuvre, do not give their
+    standard error. In the units of the products.
+    """
+    products = search.products
+    errors = np.zeros(products.n_blocks)
+    for fold, (_, kept, theta) in zip(search.folds, search.without_folds, strict=True):
+        for block in fold:
+            errors[block] = prediction_error(theta, kept, products.unpack(products.packed[block]))
+    return np.bincount(bootstrap_units(products), errors).astype(float)
+
+
 def linear_search(search: Search) -> Search | None:
     """The search that is given every linear term; None where there is none, or too many for the samples of a fold."""
     linear = tuple(np.flatnonzero(search.constraints.degrees == 1).tolist())
@@ -77,7 +92,7 @@ def find_simplest(search: Search, result: SearchResult) -> Simplest:
 
     These are errors of selections repeated without each fold, some of which may go astray. So a model is not taken if
     the terms of the complete selection, only estimated again without each fold, predict better by more than two
-    standard errors.
+    standard errors of the differences between manoeuvres or, of few manoeuvres, blocks.
     """
     given = Simplest(search, result)
     degrees = np.unique(search.constraints.degrees[~search.hidden])
@@ -103,7 +118,7 @@ def is_larger(a: Array, b: Array, standard_errors: float = 1.0) -> bool:
 def _fewest_terms(tried: Sequence[Simplest]) -> Simplest:
     errors = [fold_errors(one.search) for one in tried]
     at = int(np.argmin([e.sum() for e in errors]))
-    given = [fold_errors(replace(one.search, fixed=one.result.selected, degree=None)) for one in tried]
+    given = [unit_errors(replace(one.search, fixed=one.result.selected, degree=None)) for one in tried]
     usable = [
         one
         for one, error, of_terms in zip(tried, errors, given, strict=True)

@@ -57,12 +57,12 @@ class SelectOptions:
         Modified stepwise regression by partial F [C89], [TP1916]; orthogonal functions minimising PSE [H17],
         [M95]; or the best model of every size, by branch and bound [FW74], for small pools.
     noise : {"ar", "cluster", "white"}
-        Model of the residuals in tests and standard errors. ``"ar"``: autoregressive noise of each recording,
-        order by BIC, prewhitened and estimated again until the terms stay the same; where that predicts
-        recordings left out clearly worse (the residual is then model error rather than noise), ``"cluster"`` is
-        used instead, with a warning. ``"cluster"``: any correlation; ordinary least squares with partial F from
-        the scatter between blocks. ``"white"``: independent residuals, as in the sources. A different choice of
-        terms by the last is always reported.
+        Model of the residuals in tests and standard errors. ``"ar"``: autoregressive noise of each recording, or one
+        of all with the level of each, and its order, by BIC; prewhitened and estimated again until the terms stay the
+        same. Where that predicts recordings left out clearly worse (the residual is then model error rather than
+        noise), ``"cluster"`` is used instead, with a warning. ``"cluster"``: any correlation; ordinary least squares
+        with partial F from the scatter between blocks. ``"white"``: independent residuals, as in the sources. A
+        different choice of terms by the last is always reported.
     F_in, F_out : float, "auto" or "fdr"
         Partial F to enter and to stay (F_in where F_out is absent). 4 and 12 are classical values [C89]; ``"auto"``
         keeps the probability of any false term at most near 5 % for this number of candidates, and lets it vanish with
