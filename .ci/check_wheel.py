@@ -70,13 +70,13 @@ def check_use(wheel: Path, folder: Path) -> None:
 
 
 def flight() -> str:
-    """A manoeuvre whose pitching moment is made of incidence and elevator, with noise."""
-    chance = random.Random(1)
+    """A manoeuvre whose pitching moment depends on angle of attack and elevator, with noise."""
+    source = random.Random(1)
     lines = ["t,alpha,de,Cm"]
     for k in range(400):
         t = 0.04 * k
         alpha, de = 0.1 + 0.03 * math.sin(0.7 * t), 0.05 * (-1.0) ** int(t / 1.7)
-        lines.append(f"{t:.2f},{alpha:.9f},{de},{0.02 - 0.5 * alpha - 1.5 * de + chance.gauss(0.0, 0.001):.9f}")
+        lines.append(f"{t:.2f},{alpha:.9f},{de},{0.02 - 0.5 * alpha - 1.5 * de + source.gauss(0.0, 0.001):.9f}")
     return "\n".join(lines) + "\n"
 
 

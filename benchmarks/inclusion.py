@@ -2,13 +2,13 @@
 
     python benchmarks/inclusion.py --seeds 160 --out inclusion.md
 
-Two generators of records with known terms, which share no code beyond the selection. *Flights* are those of `cases.py`:
+Two generators of records with known terms, with no common code beyond the selection. *Flights* are those of `cases.py`:
 a closed-loop aeroplane, 164 candidates, seven true terms, six residual noise models, 2,000, 6,000 or 20,000 samples.
 *Signals* are mixtures of filtered noise with their absolute values and splines, three manoeuvres, 62 candidates, two to
 eight true terms, residuals of random autoregressions, 900 to 12,000 samples. Weak terms have any size: their true
 value is 0 to 14 standard errors (flights), or normally distributed with 8 standard errors (signals).
 
-A line of the table has all candidates whose probability is in a bin, and the fraction of them that is true. The share
+A line of the table has all candidates whose probability is in a bin, and the fraction of them that is true. That
 of resampled selections, `inclusion`, is tabulated in the same way.
 """
 
@@ -70,12 +70,12 @@ def signals(seed: int) -> Problem:
     return data, exponents, true
 
 
-STATED = ("probability", "its mean before calibration", "share of selections")
+STATED = ("probability", "its mean before calibration", "fraction of selections")
 GENERATORS = {"flights": flights, "signals": signals}
 
 
 def one(generator: str, seed: int, bootstrap: int) -> tuple[np.ndarray, np.ndarray]:
-    """What is stated of every candidate, (3, p), in the order of STATED, and the truth."""
+    """Probabilities of every candidate, (3, p), in the order of STATED, and the truth."""
     with one_blas_thread():
         data, exponents, true = GENERATORS[generator](seed)
         found = select_arrays(data, exponents, SelectOptions(bootstrap=bootstrap, workers=1))[0]

@@ -63,8 +63,8 @@ def _log_bayes(base: Base, columns: Sequence[np.ndarray], at: Sequence[np.ndarra
     """Log Bayes factor of columns on some of the rows."""
     y, B = [x[i] for x, i in zip(base.y, at)], [x[i] for x, i in zip(base.given, at)]
     without = Base(y, B, [(0,)], base.scales)
-    beside = without.with_columns([x[i] for x, i in zip(columns, at)])
-    return float(logsumexp(beside.evidence[:, 0]) - logsumexp(without.evidence[:, 0]))
+    with_columns = without.with_columns([x[i] for x, i in zip(columns, at)])
+    return float(logsumexp(with_columns.evidence[:, 0]) - logsumexp(without.evidence[:, 0]))
 
 
 @threadpool_limits.wrap(limits=1)

@@ -41,7 +41,7 @@ READING_STD = np.array([0.1, 3e-3, 3e-3, 9e-3, 9e-3, 9e-3, 0.3, 1.0, 1.0, 0.05, 
 INPUT_STD = np.array([0.02, 0.02, 0.02, 2e-3, 2e-3, 2e-3])
 SPREAD = 1.0
 AGREED = 0.1  # in standard deviations, after the first 10 s
-SETTLED = 500  # samples
+CONVERGED = 500  # samples
 
 
 def simulated(samples: int, dt: float = 0.02, seed: int = 0) -> tuple[KinematicsProblem, Array]:
@@ -250,9 +250,9 @@ def compared_with_filterpy(samples: int, repeats: int) -> str:
     for name, compiled in peers.items():
         say(name)
         seconds[name], _, (x, std) = measure_once(lambda compiled=compiled: filterpy_run(problem, compiled))
-        later = slice(SETTLED, None)
-        apart = np.abs((x - ours.x) / ours.std)[later].max()
-        differences[name] = (apart, np.abs(std / ours.std - 1.0)[later].max())
+        later = slice(CONVERGED, None)
+        difference = np.abs((x - ours.x) / ours.std)[later].max()
+        differences[name] = (difference, np.abs(std / ours.std - 1.0)[later].max())
         # Turn and turn about with the peer, so that the machine's mood is shared.
         again = measure(runs, repeats, warm=False)
         timed = {key: min(timed[key], again[key], key=lambda times: times.cpu_median) for key in timed}

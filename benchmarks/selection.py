@@ -190,7 +190,7 @@ def goals(results: Results) -> str:
     rows: list[list[object]] = []
     big = 200_000
 
-    def at_most(goal: str, what: str, found: float | None, limit: float, unit: str = "x") -> None:
+    def no_larger(goal: str, what: str, found: float | None, limit: float, unit: str = "x") -> None:
         if found is not None:
             verdict = "reached" if found <= limit else "not reached"
             rows.append([goal, what, f"<= {limit:g} {unit}", f"{found:.3g} {unit}", verdict])
@@ -200,21 +200,21 @@ def goals(results: Results) -> str:
             verdict = "reached" if found >= limit else "not reached"
             rows.append([goal, what, f">= {limit:g} x", f"{found:.3g} x", verdict])
 
-    at_most("S1", "complete fit, 200k x 164", results.ratio((big, 164), w.WHITE), 1.0)
-    at_most("S1", "complete fit, 200k x 494", results.ratio((big, 494), w.WHITE), 0.65)
-    at_most("S1", "generic candidates, 200k x 164", results.ratio((big, 164), w.GENERIC), 1.6)
-    at_most("S1", "generic candidates, 200k x 494", results.ratio((big, 494), w.GENERIC), 1.3)
-    at_most("S1", "complete fit, setup included, 20k x 164", results.ratio((20_000, 164), w.FRESH), 2.0)
+    no_larger("S1", "complete fit, 200k x 164", results.ratio((big, 164), w.WHITE), 1.0)
+    no_larger("S1", "complete fit, 200k x 494", results.ratio((big, 494), w.WHITE), 0.65)
+    no_larger("S1", "generic candidates, 200k x 164", results.ratio((big, 164), w.GENERIC), 1.6)
+    no_larger("S1", "generic candidates, 200k x 494", results.ratio((big, 494), w.GENERIC), 1.3)
+    no_larger("S1", "complete fit, setup included, 20k x 164", results.ratio((20_000, 164), w.FRESH), 2.0)
     for p in (164, 494):
         size = (big, p)
-        at_most(
+        no_larger(
             "S2", f"six responses' cross-products over one's, p={p}", results.ratio(size, w.CROSS_SIX, w.CROSS), 1.3
         )
-        at_most("S2", f"six responses' fit over one's, p={p}", results.ratio(size, w.SIX, w.WHITE), 2.5)
+        no_larger("S2", f"six responses' fit over one's, p={p}", results.ratio(size, w.SIX, w.WHITE), 2.5)
         for again in w.ONCE_MORE:
-            at_most("S2", f"{again}, p={p}", results.ratio(size, again), 0.05)
+            no_larger("S2", f"{again}, p={p}", results.ratio(size, again), 0.05)
     for p in (164, 494):
-        at_most("S3", f"select, coloured, p={p}", results.ratio((big, p), w.SELECT), 5.0)
+        no_larger("S3", f"select, coloured, p={p}", results.ratio((big, p), w.SELECT), 5.0)
     for p in (164, 494):
         for name, limits in S4.items():
             at_least("S4", f"{name} over complete fit, p={p}", results.ratio((big, p), name, w.WHITE), limits[p])
@@ -224,18 +224,18 @@ def goals(results: Results) -> str:
     for p, limit in ((494, 32.0), (164, 16.0)):
         peaks = {n: of[w.WHITE] for (n, q), of in results.memory.items() if q == p}
         for n, found in peaks.items():
-            at_most("S5", f"memory of the complete fit, {n:,} x {p}", float(found), limit, "MiB")
+            no_larger("S5", f"memory of the complete fit, {n:,} x {p}", float(found), limit, "MiB")
         if len(peaks) > 1:
             span = float(max(peaks.values())) - float(min(peaks.values()))
-            at_most("S5", f"its spread over N, p={p}", span, 1.0, "MiB")
+            no_larger("S5", f"its spread over N, p={p}", span, 1.0, "MiB")
     wall = results.wall
     if wall:
         for kind, limit in (("generic", 1.7), ("products", 1.5)):
             speed_up = wall[f"{kind}, 1 worker(s)"] / wall[f"{kind}, 2 worker(s)"]
             at_least("S6", f"two workers over one, {kind}, wall", speed_up, limit)
             slower = wall[f"{kind}, 2 worker(s), busy neighbour"] / wall[f"{kind}, 2 worker(s)"]
-            at_most("S6", f"two workers with a busy neighbour, {kind}, wall", slower, 2.0)
-        at_most("S6", "workers for 2,000 samples and 164 candidates", choose_workers(None, 2000, 164), 1, "worker")
+            no_larger("S6", f"two workers with a busy neighbour, {kind}, wall", slower, 2.0)
+        no_larger("S6", "workers for 2,000 samples and 164 candidates", choose_workers(None, 2000, 164), 1, "worker")
     return table(["goal", "what", "limit", "found", ""], rows) if rows else "None of the goals' sizes was run."
 
 

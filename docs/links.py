@@ -122,7 +122,7 @@ def check_site(config: Any) -> None:
         With each page and the link that leads nowhere.
     """
     if dead := dead_links(Path(config.site_dir)):
-        raise PluginError(f"{len(dead)} links lead nowhere. Mend them:\n" + "\n".join(dead))
+        raise PluginError(f"{len(dead)} links lead nowhere. Correct them:\n" + "\n".join(dead))
 
 
 def add_outside_pages(files: Files, config: Any) -> None:

@@ -37,7 +37,7 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
 
 
 def on_post_page(output: str, page: Page, **_: Any) -> str:
-    """Two faults of the theme: it loads a file of its search from a network, and the search has no name."""
+    """Two faults of the theme: it loads a file of its search from a network, and the search lacks a name."""
     own = "../" * page.url.count("/") + "search-worker/shim.js"
     named = output.replace(
         'data-md-component="search" role="dialog"', 'data-md-component="search" role="dialog" aria-label="Search"'

@@ -88,11 +88,11 @@ class TermError(StructselError, ValueError):
 
 
 class ArgumentError(StructselError, TypeError):
-    """A function was given an object of a type that it cannot use; the message says what to pass."""
+    """A function was given an object of a type that it cannot use; the message states the type."""
 
 
 class ModelError(StructselError, ValueError):
-    """A model file, or the use made of a model, is wrong."""
+    """A model file, or the use of a model, is wrong."""
 
 
 class SelectionError(StructselError, ValueError):

@@ -22,8 +22,8 @@ def wandering(rng, n, dt, time):
 def _pair(name, t, recorded, simulated, noise, rng, plant=False):
     units = dict.fromkeys(recorded, UNITS) if plant else {}
     read = {c: x + noise.get(c, 0.0) * rng.standard_normal(len(t)) for c, x in recorded.items()}
-    told = {c: x for c, x in units.items() if c in simulated}
-    return Recording(name, t, read, units=units), Recording(name, t, dict(simulated), units=told)
+    stated = {c: x for c, x in units.items() if c in simulated}
+    return Recording(name, t, read, units=units), Recording(name, t, dict(simulated), units=stated)
 
 
 def _together(pairs):
@@ -58,7 +58,7 @@ def joint(stated, friction=0.6, angle=True, count=3):
 
 
 def ship(cross_flow=3.0, count=3):
-    """Ship in the plane; the simulation states its yawing moment without the drag of its hull across the flow."""
+    """Ship in plane motion; the simulation states its yawing moment without the drag of its hull across the flow."""
     dt, n, pairs = 0.1, 2400, []
     t = dt * np.arange(n)
     for k in range(count):

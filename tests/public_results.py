@@ -1,4 +1,4 @@
-"""One object of each public type, from cases as small as will do; each is made once, when it is first asked for."""
+"""One object of each public type, from cases as small as will do; each is made once, at the first request."""
 
 import tempfile
 import warnings

@@ -1,4 +1,4 @@
-"""Recordings with a known response, and what tests of selections share."""
+"""Recordings with a known response, for all tests of selections."""
 
 import numpy as np
 

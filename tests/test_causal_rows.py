@@ -21,7 +21,7 @@ def lagged(x: np.ndarray, lag: int) -> np.ndarray:
 
 
 def two_signals(n: int = 600) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slow signals, one of them read with an error that the response shares."""
+    """Slow signals, one of them read with an error that is in the response too."""
     rng = np.random.default_rng(4)
     a, b = lfilter([0.2], [1.0, -0.98], rng.standard_normal((2, n)))
     shared = rng.standard_normal(n)
@@ -66,7 +66,7 @@ def test_two_stage_least_squares_on_products_is_that_of_statsmodels():
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), expected.bse, rtol=1e-7)
 
 
-def test_exogeneity_is_rejected_where_reading_and_response_share_an_error_and_only_there():
+def test_exogeneity_is_rejected_where_reading_and_response_have_a_common_error_and_only_there():
     x, y, a = two_signals()
     assert instrumented(x, y).fit_terms([0, 1, 2]).test_exogeneity()[1] < 1e-6
     clean = np.array([a, x[1]])
@@ -146,7 +146,7 @@ def test_causal_rows_without_noise_models_are_refused():
 def test_the_past_before_the_first_sample_is_the_first_sample():
     x, y, _ = two_signals(60)
     data = PastData(ArrayData(x, y[None, :]), (np.array([[1, 0]]),), (np.array([0.5, 1.0]),), (0,))
-    whole = data.base(0, 60)
+    complete = data.base(0, 60)
     for row, lag in enumerate(SIGNAL_LAGS, start=1):
-        np.testing.assert_array_equal(whole[2 * row], lagged(x[0], lag))
-    np.testing.assert_allclose(data.base(25, 40), whole[:, 25:40], atol=1e-15)
+        np.testing.assert_array_equal(complete[2 * row], lagged(x[0], lag))
+    np.testing.assert_allclose(data.base(25, 40), complete[:, 25:40], atol=1e-15)

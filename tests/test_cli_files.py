@@ -17,7 +17,7 @@ SELECT = ("--responses", "Cm", "--terms", "alpha,de", "--bootstrap", "0", "--jso
 
 @pytest.fixture(autouse=True)
 def flights(tmp_path, monkeypatch):
-    """A folder of three flights of 500 samples, 0.04 s apart, of which the current folder is the parent."""
+    """A folder of three flights of 500 samples, 0.04 s apart, in the current folder."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "flights").mkdir()
     for k in range(3):

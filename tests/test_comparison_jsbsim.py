@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from structsel import AeroModel, compute_coefficients, demo_flights, export_model
 from structsel.comparison.simulations import open_simulation
 
-pytest.importorskip("jsbsim", reason='JSBSim is not installed; pip install "structsel[jsbsim]" brings it')
+pytest.importorskip("jsbsim", reason='JSBSim is not installed; pip install "structsel[jsbsim]" installs it')
 
 
 def test_a_jsbsim_aircraft_is_evaluated_at_the_angles_of_the_centre_of_gravity(tmp_path):

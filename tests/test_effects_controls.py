@@ -10,7 +10,7 @@ from structsel.effects.signals import mean_slope
 from tests.effect_fits import best, check_all, effect_named, explain
 from tests.noisy_flights import excite, flights_with
 
-BENT, STRETCH, FLEXIBLE = (effect_named(e) for e in ("control-nonlinearity", "control-stretch", "flexibility"))
+BENT, LINKAGE, FLEXIBLE = (effect_named(e) for e in ("control-nonlinearity", "control-stretch", "flexibility"))
 
 
 def large(t, k):
@@ -47,14 +47,14 @@ def test_an_elevator_with_a_cubic_is_found(flights):
     assert_allclose(theta["de loss"], 40.0 * largest**2 / 1.92, rtol=0.12)
 
 
-def test_a_rudder_with_cable_stretch_is_found(flights):
-    assert STRETCH.needs(flights) == ""
-    _, theta, fraction = best(flights, STRETCH, ["Cn", "CY"])
+def test_a_rudder_with_elastic_cables_is_found(flights):
+    assert LINKAGE.needs(flights) == ""
+    _, theta, fraction = best(flights, LINKAGE, ["Cn", "CY"])
     assert set(theta) == {"dr loss at mean qbar"}
     assert fraction > 0.6
     plain = next(
         v
-        for v in STRETCH.variants(flights)
+        for v in LINKAGE.variants(flights)
         if v.parameters[0].name == "dr loss at mean qbar" and v.about == "rigid at rest"
     )
     _, theta, _ = explain(flights, plain, ["Cn"])
@@ -86,7 +86,7 @@ def test_slopes_that_fall_with_dynamic_pressure_are_found_in_all_axes():
 def test_one_speed_shows_no_loss_with_dynamic_pressure():
     flights = flights_with({}, speeds=(50.0,), inputs=lambda t, k: excite(t, k, 0.01, 0.02, 0.02))
     assert FLEXIBLE.needs(flights) == "dynamic pressure that changes by 20 % or more"
-    assert STRETCH.needs(flights) == FLEXIBLE.needs(flights)
+    assert LINKAGE.needs(flights) == FLEXIBLE.needs(flights)
     assert BENT.needs(flights) == ""
 
 

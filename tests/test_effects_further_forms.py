@@ -60,7 +60,7 @@ def test_one_gust_at_the_same_time_of_all_manoeuvres_has_one_time():
     assert_allclose(found.values["speed"], 3.0, rtol=0.15)
 
 
-def test_an_actuator_that_is_slow_one_way_only_follows_at_once_the_other_way():
+def test_an_actuator_that_is_slow_in_one_direction_follows_at_once_in_the_other():
     class Clock:
         dt = 0.1
 
@@ -70,7 +70,7 @@ def test_an_actuator_that_is_slow_one_way_only_follows_at_once_the_other_way():
     assert_allclose(_slewing(asked, Clock, up=np.inf, down=4.0), [0.0, 1.0, 1.0, 1.0, 0.6, 0.2])
 
 
-def test_a_surface_that_is_slow_one_way_and_slow_surfaces_together_are_found():
+def test_a_surface_that_is_slow_in_one_direction_and_slow_surfaces_together_are_found():
     limit = effect_named("actuator-rate-limit")
     tried = {v.about: v for v in reversed(limit.variants(compare(fly())))}  # the lowest rate of each
     for about in ("elevator, up only", "elevator, down only", "elevator, with a lag", "all surfaces"):

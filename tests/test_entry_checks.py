@@ -91,7 +91,7 @@ def test_the_bounds_of_a_scale_widen_with_fewer_windows_and_lower_correlation():
 
 
 @pytest.mark.parametrize("turbulence", [0.0, 1.0, 3.0])
-def test_healthy_flights_raise_no_alarm_in_calm_and_in_rough_air(turbulence):
+def test_healthy_flights_raise_no_alarm_in_calm_air_and_in_turbulence(turbulence):
     for flight in ss.demo.demo_flights(8, 11, turbulence=turbulence)[0]:
         assert not find_unit_and_sign_errors(flight.t, flight.channels)
 

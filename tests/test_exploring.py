@@ -118,7 +118,7 @@ def test_a_term_that_one_recording_alone_moves_predicts_nothing_of_that_recordin
 @pytest.fixture
 def explorer():
     pytest.importorskip(
-        "ipywidgets", reason='ipywidgets is not installed; pip install "structsel[notebooks]" brings it'
+        "ipywidgets", reason='ipywidgets is not installed; pip install "structsel[notebooks]" installs it'
     )
     return explore_residuals(MODEL, RECORDINGS, candidates=POOL)
 
@@ -154,7 +154,7 @@ def test_another_response_offers_its_own_terms_best_first(explorer):
 
 def test_a_selection_brings_its_own_pool():
     pytest.importorskip(
-        "ipywidgets", reason='ipywidgets is not installed; pip install "structsel[notebooks]" brings it'
+        "ipywidgets", reason='ipywidgets is not installed; pip install "structsel[notebooks]" installs it'
     )
     chosen = select(RECORDINGS, "Cm", POOL, max_terms=2, bootstrap=0)
     offered = {*explore_residuals(chosen, RECORDINGS).term.options, *map(str, chosen.terms)}
@@ -165,7 +165,7 @@ def test_a_selection_brings_its_own_pool():
 
 def test_a_model_alone_is_offered_products_of_its_channels():
     pytest.importorskip(
-        "ipywidgets", reason='ipywidgets is not installed; pip install "structsel[notebooks]" brings it'
+        "ipywidgets", reason='ipywidgets is not installed; pip install "structsel[notebooks]" installs it'
     )
     bare = AeroModel({"Cm": ResponseModel(("1", "alpha", "de"), np.array([0.05, -0.5, -1.5]))})
     assert set(explore_residuals(bare, RECORDINGS).term.options) == {"alpha^2", "alpha*de", "de^2"}

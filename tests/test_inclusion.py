@@ -13,7 +13,7 @@ from tests.test_stepwise import problem, products
 
 
 def weights_by_fits(X, y, selected):
-    """exp(-EBIC / 2) of a model and its neighbours, each fitted by itself."""
+    """exp(-EBIC / 2) of a model and its neighbours, each fitted alone."""
     n, p = X.shape
     others = [j for j in range(p) if j not in selected]
     models = [tuple(selected)]
@@ -48,7 +48,7 @@ def test_included_terms_are_certain_and_models_that_are_not_allowed_do_not_count
     assert found.sum() == 2.0
 
 
-def test_of_two_terms_that_cannot_be_told_apart_each_has_half():
+def test_of_two_terms_that_cannot_be_separated_each_has_half():
     rng = np.random.default_rng(0)
     x = rng.standard_normal(400)
     X = np.column_stack([x + 1e-4 * rng.standard_normal(400), x + 1e-4 * rng.standard_normal(400)])

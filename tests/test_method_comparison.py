@@ -189,5 +189,5 @@ def test_harv_upwash_has_the_sign_and_size_of_sidpac_s_or_is_not_trusted(file, c
     found = reconstruct(recording, Aircraft.from_toml(folder / "aircraft.toml"))
     upwash = found["Cup"]
     assert not found.trusted or abs(upwash.value - 0.0762) < 2.0 * np.hypot(upwash.std, 0.0176)
-    # The estimated noise exceeds the signals themselves; the verdict must say so.
+    # The estimated noise exceeds the signals themselves; the verdict must state it.
     assert any("more noise was estimated" in reason and "az " in reason for reason in found.distrust)

@@ -1,4 +1,4 @@
-"""A simulated model that lacks a coefficient says so, once, with what is assumed and what to do."""
+"""A simulated model that lacks a coefficient is named once, with the assumption and the remedy."""
 
 import re
 import warnings
@@ -87,7 +87,7 @@ def test_a_start_with_sideslip_needs_the_lateral_coefficients():
     assert said.startswith("Model 'three' has no CY, Cl and Cn: ")
 
 
-def test_a_refinement_of_a_model_without_cx_doubts_it():
+def test_a_refinement_of_a_model_without_cx_warns():
     recordings, aircraft, _ = demo_flights()
     found = refine(LIFT_AND_PITCH, aircraft, recordings[0], free=["Cm:1"], outputs=["alpha", "q"])
     assert found.doubts[0] == CX_IS_MISSING

@@ -7,7 +7,7 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
-MISSING = 'is not installed; pip install "structsel[notebooks]" brings it'
+MISSING = 'is not installed; pip install "structsel[notebooks]" installs it'
 
 
 def cells(path):

@@ -1,4 +1,4 @@
-"""The Python interface: what to pass, what is refused, and what a user of statsmodels finds on a result."""
+"""The Python interface: arguments, refusals, and the attributes of results that statsmodels has."""
 
 import copy
 import inspect
@@ -377,18 +377,18 @@ def recording_of():
 
 
 def test_a_pickled_selection_is_without_its_recordings_and_takes_them_again():
-    whole = chosen()
-    again = pickle.loads(pickle.dumps(whole))
-    assert len(pickle.dumps(whole)) < 0.5 * len(pickle.dumps(whole.data))
+    complete = chosen()
+    again = pickle.loads(pickle.dumps(complete))
+    assert len(pickle.dumps(complete)) < 0.5 * len(pickle.dumps(complete.data))
     assert again.data == ()
-    assert again.predict(frame()).equals(whole.predict(frame()))
+    assert again.predict(frame()).equals(complete.predict(frame()))
     with pytest.raises(SelectionError, match=r"it was pickled.*\n.*with_recordings"):
         again.resid  # noqa: B018
-    assert again.with_recordings(frame()).resid.equals(whole.resid)
+    assert again.with_recordings(frame()).resid.equals(complete.resid)
     with pytest.raises(SelectionError, match="of the recordings recording, and was given m2"):
         again.with_recordings(ss.Recording.from_frame(frame(), name="m2"))
-    for copied in (copy.copy(whole), copy.deepcopy(whole)):  # in one process nothing is lost
-        assert copied.resid.equals(whole.resid)
+    for copied in (copy.copy(complete), copy.deepcopy(complete)):  # in one process nothing is lost
+        assert copied.resid.equals(complete.resid)
 
 
 @pytest.mark.parametrize(

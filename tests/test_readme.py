@@ -83,21 +83,21 @@ def test_the_readmes_table_adds_up():
 
 
 @pytest.mark.parametrize(
-    ("example", "most_off"),
+    ("example", "largest_error"),
     [("02_flight_path", 2.0), ("03_simulate_the_model", None)],
     ids=["reconstruction", "refinement"],
 )
-def test_an_example_prints_the_table_that_the_page_of_accuracy_shows(example, most_off):
+def test_an_example_prints_the_table_that_the_page_of_accuracy_shows(example, largest_error):
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         runpy.run_path(str(ROOT / f"examples/{example}.py"))
     shown = code_blocks(ACCURACY.partition(f"<!-- from: examples/{example}.py -->")[2], "text")[0]
     start = printed.getvalue().index(shown.splitlines()[0])
     assert_same_text(printed.getvalue()[start:][: len(shown)], shown, BETWEEN)
-    if most_off:  # "all eleven errors are estimated within two standard deviations"
+    if largest_error:  # "all eleven errors are estimated within two standard deviations"
         off = re.findall(r"^\w+ +\S+ +\S+ +\S+ +(-?\d\.\d) +(?:m/s|rad|-)", printed.getvalue(), re.MULTILINE)
         assert len(off) == 11
-        assert max(abs(float(value)) for value in off) < most_off
+        assert max(abs(float(value)) for value in off) < largest_error
 
 
 ALL_COMMANDS = [c for page in (README, *(p.read_text() for p in HOW_TO)) for c in commands_of(page)]
@@ -193,7 +193,7 @@ def test_every_public_name_is_on_one_page_of_the_reference(monkeypatch):
 
 
 def test_a_link_to_a_file_outside_the_docs_leads_to_its_page_and_a_dead_one_is_found(tmp_path, monkeypatch):
-    pytest.importorskip("mkdocs", reason='mkdocs is not installed; pip install "structsel[docs]" brings it')
+    pytest.importorskip("mkdocs", reason='mkdocs is not installed; pip install "structsel[docs]" installs it')
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     from types import SimpleNamespace
 

@@ -51,7 +51,7 @@ def mean_of(done, name):
     return mean, weights.sum() ** -0.5, np.sum(weights * (values - mean) ** 2) / (len(values) - 1)
 
 
-def test_all_six_attas_manoeuvres_are_reconstructed_and_only_noise_scales_and_vanes_are_in_doubt(attas):
+def test_all_six_attas_manoeuvres_are_reconstructed_with_warnings_of_noise_scales_and_vanes_only(attas):
     assert len(attas) == 6
     assert not attas.failed
     reasons = [reason for one in attas for reason in one.distrust]
@@ -174,7 +174,7 @@ def test_the_wrong_gravity_shows_as_a_bias_of_az_of_that_size():
         ("nothing-wrong", "trusted"),
     ],
 )
-def test_simulated_flights_with_ordinary_instruments_are_trusted_or_only_their_noise_is_in_doubt(case, verdict):
+def test_simulated_flights_with_ordinary_instruments_are_trusted_or_only_their_noise_is_not(case, verdict):
     aircraft = ss.Aircraft.from_toml(DATA / "diagnose-examples" / case / "aircraft.toml")
     file = sorted((DATA / "diagnose-examples" / case / "recordings").glob("*.csv"))[0]
     found = reconstruct(ss.read_recording(file), aircraft)

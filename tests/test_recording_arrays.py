@@ -29,7 +29,7 @@ def test_a_stated_unit_converts_the_channel_and_is_not_kept(channel, unit, facto
     made = Recording("m", T, {channel: values}, units={channel: unit})
     assert_allclose(made[channel], factor * values, rtol=1e-14)
     assert not made.units
-    # What is made of it is not converted a second time.
+    # Results of it are not converted a second time.
     assert_array_equal(made.check()[channel], made[channel])
     again = made.with_channels(n1=90.0 + T, units={channel: unit, "n1": "%"})
     assert_array_equal(again[channel], made[channel])
@@ -60,8 +60,8 @@ def test_dates_and_time_differences_become_seconds(clock):
 
 
 def test_a_time_difference_keeps_its_origin_and_a_missing_date_is_refused():
-    late = (5_000_000 + MICROSECONDS).astype("timedelta64[us]")
-    assert Recording("m", late, {"alpha": T}).t[0] == 5.0
+    recent = (5_000_000 + MICROSECONDS).astype("timedelta64[us]")
+    assert Recording("m", recent, {"alpha": T}).t[0] == 5.0
     clock = START + MICROSECONDS.astype("timedelta64[us]")
     clock[7] = np.datetime64("NaT")
     with pytest.raises(DataError, match=r"'m': channel 't' is nan at sample 7"):

@@ -22,7 +22,7 @@ TRUTH = {"alpha": -4.0, "q": -1.5, "de": -6.0}
 
 
 def flight(seed=0, duration=40.0, changed=None, noise=0.02, start=5.0):
-    """Pitching motion that satisfies q_dot = M_alpha alpha + M_q q + M_de de, exactly but for noise on q_dot.
+    """Pitching motion that satisfies q_dot = M_alpha alpha + M_q q + M_de de, exactly, except for noise on q_dot.
 
     From half of the time on the elevator has `changed` instead of its effectiveness.
     """
@@ -65,7 +65,7 @@ def test_the_last_estimate_is_that_of_all_samples_at_once():
     assert (last.t, last.samples) == (recording.t[-1], len(recording))
 
 
-def test_every_estimate_on_the_way_is_that_of_the_samples_so_far():
+def test_every_estimate_is_that_of_the_samples_so_far():
     recording = flight()
     for one in estimator().feed(recording, every=10.0):
         so_far = recording.between(recording.t[0], one.t)
@@ -85,14 +85,14 @@ def test_the_estimate_of_equation_error_in_refinement_is_the_same():
 
 def test_samples_one_by_one_and_parts_give_the_same():
     recording = flight(duration=20.0)
-    whole, single, parts = estimator(), estimator(), estimator()
-    whole.feed(recording)
+    complete, single, parts = estimator(), estimator(), estimator()
+    complete.feed(recording)
     for k, t in enumerate(recording.t):
         single.update(t, {name: recording[name][k] for name in recording.names})
     for start in (5.0, 10.0, 17.3):
         parts.feed(recording.between(start, {5.0: 10.0, 10.0: 17.3, 17.3: 30.0}[start]), after=parts.estimate().t)
     for other in (single, parts):
-        assert_allclose(other.estimate().values, whole.estimate().values, rtol=1e-12)
+        assert_allclose(other.estimate().values, complete.estimate().values, rtol=1e-12)
 
 
 @pytest.mark.parametrize("forgetting", [1.0, 0.999])
@@ -118,17 +118,17 @@ def test_the_derivative_of_a_channel_is_taken_in_the_frequency_domain(forgetting
 
 def test_a_change_is_followed_with_forgetting_and_averaged_without():
     recording = flight(duration=120.0, changed=-3.0)
-    fading, keeping = estimator(forgetting=float(np.exp(-DT / 10.0))), estimator()
+    fading, constant = estimator(forgetting=float(np.exp(-DT / 10.0))), estimator()
     before = recording.between(5.0, 64.0)
     fading.feed(before)
     value, std = fading.estimate()["de"]
     assert abs(value - TRUTH["de"]) < 4.0 * std
     fading.feed(recording, after=64.0 + 1e-9)
-    keeping.feed(recording)
+    constant.feed(recording)
     value, std = fading.estimate()["de"]
     assert abs(value + 3.0) < 4.0 * std
     assert std < 0.2
-    assert -5.5 < keeping.estimate()["de"][0] < -3.8
+    assert -5.5 < constant.estimate()["de"][0] < -3.8
 
 
 def scores(seeds, forgetting):

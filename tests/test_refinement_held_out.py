@@ -196,7 +196,7 @@ def test_the_verdict_is_the_mean_difference_against_its_standard_error(original,
         assert found.standard_error == pytest.approx(np.sqrt(((d - d.mean()) ** 2).sum() / 2.0 / 3.0))
 
 
-def test_differences_scatter_over_recordings_from_three_on_and_diverged_windows_are_counted_apart():
+def test_differences_scatter_over_recordings_from_three_on_and_diverged_windows_are_counted_separately():
     window = np.array([[0.04, 0.01], [0.16, 0.01]])
     few, many = (_paired(["a", "b", "c"][:n], ["q"], [window] * n) for n in (2, 3))
     assert (few.unit, len(few.original)) == ("window", 4)

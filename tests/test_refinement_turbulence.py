@@ -69,7 +69,7 @@ def test_filter_error_finds_the_derivatives_in_turbulence_within_their_errors(mo
     # 18 estimates: the mean square of standard normal deviations has a standard deviation of a third.
     assert np.abs(z).max() < 3.0
     assert np.mean(z**2) < 2.0
-    # The record contains p and r without noise: the filter may take them as they were read, and says so.
+    # The record contains p and r without noise: the filter may take them as they were read, and states it.
     assert any("takes p from the measurements" in doubt for doubt in found.doubts)
 
 

@@ -180,7 +180,7 @@ def test_an_interval_of_a_finding_selects_its_samples_in_the_time_histories(open
     assert page.locator("#over .brushed").count() == 0
 
 
-def test_a_range_of_a_channel_shades_the_times_at_which_it_is_flown(opened):
+def test_a_range_of_a_channel_shades_the_times_at_which_it_is_reached(opened):
     page = opened("diagnosis")
     page.get_by_role("button", name="Full range").click()
     assert page.locator("#history .shade.range").count() == 0
@@ -196,7 +196,7 @@ def test_the_name_of_a_recording_in_a_table_shows_the_recording(opened):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_printed_summary_has_two_pages_at_most(kind, opened):
+def test_the_printed_summary_has_two_pages_or_fewer(kind, opened):
     page = opened(kind)
     printed = page.pdf(format="A4", margin=dict.fromkeys(("top", "bottom", "left", "right"), "12mm"))
     assert 1 <= len(re.findall(rb"/Type\s*/Page\b", printed)) <= 2

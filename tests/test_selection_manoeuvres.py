@@ -60,7 +60,7 @@ def test_own_constants_are_least_squares_with_an_indicator_of_each_recording(noi
         assert found.dof == ols.df_resid
         within = sum(np.sum((r["Cm"] - r["Cm"].mean()) ** 2) for r in recordings)
         assert_allclose(found.r2, 1.0 - ols.ssr / within, rtol=1e-9)
-    else:  # white noise is found to be white, up to a chance of a short autoregression
+    else:  # white noise is found to be white, except for a short autoregression now and then
         assert_allclose(found.values[1:], ols.params[:3], rtol=0.02)
 
 
@@ -118,8 +118,8 @@ def test_recordings_of_different_levels_have_constants_of_their_own_by_default()
     assert "own of each recording" in str(own)
 
 
-def test_recordings_of_one_level_share_a_constant_by_default():
-    # 20 sets of four recordings: a test at 5 %, and a better prediction besides, are seldom met by chance.
+def test_recordings_of_one_level_have_a_common_constant_by_default():
+    # 20 sets of four recordings: a test at 5 %, and a better prediction besides, seldom occur together.
     own = sum(bool(select(recorded([0.01] * 4, seed=s), "Cm", POOL, bootstrap=0).constants) for s in range(20))
     assert own <= 3
 
@@ -134,7 +134,7 @@ def test_a_model_of_own_constants_predicts_a_new_recording_with_their_mean():
     assert_allclose(found.standard_errors[0], scatter, rtol=0.05)
 
 
-def test_own_constants_of_recordings_that_share_blocks_are_refused():
+def test_own_constants_of_recordings_in_common_blocks_are_refused():
     with pytest.raises(SelectionError, match="600 manoeuvres share"):
         select(recorded([0.0] * 600, n=70), "Cm", POOL, constants="own", noise="white", bootstrap=0)
 

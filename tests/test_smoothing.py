@@ -281,7 +281,7 @@ def test_white_noise_is_below_its_upper_limit_and_the_limit_near_it():
     limits = [
         largest_noise_level(slow + 0.1 * np.random.default_rng(s).standard_normal(500), DT) / 0.1 for s in range(40)
     ]
-    # Three octaves of 125, 62 and 31 lines: relative standard errors of 5, 8 and 11 %, two of which are added.
+    # Three octaves of 125, 62 and 31 lines: relative standard errors of 5, 8 and 11 %, two are added.
     assert np.mean(np.array(limits) >= 1.0) > 0.95
     assert np.median(limits) < 1.4
 

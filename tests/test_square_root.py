@@ -12,11 +12,11 @@ def test_absorbing_columns_keeps_all_products_and_makes_the_first_factor_triangu
     rng = np.random.default_rng(rows)
     R, A = np.tril(rng.standard_normal((rows, rows))), rng.standard_normal((rows, columns))
     Y, S = rng.standard_normal((below, rows)), rng.standard_normal((below, columns))
-    whole = np.block([[R, A], [Y, S]])
+    complete = np.block([[R, A], [Y, S]])
     absorb(R, A.copy(), Y, S, rows, columns)
     made = np.block([[R, np.zeros((rows, columns))], [Y, S]])
     assert_allclose(R, np.tril(R), atol=0)
-    assert_allclose(made @ made.T, whole @ whole.T, rtol=1e-12, atol=1e-12)
+    assert_allclose(made @ made.T, complete @ complete.T, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(5, 5), (5, 9), (6, 4), (9, 20)])

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from proof.keys import COEFFICIENTS
-from proof.scenario.declared import MOST_FACTORS, MOST_FOLLOWING
+from proof.scenario.declared import MAX_FACTORS, MAX_FOLLOWING
 from structsel.numerics.compiling import njit
 
 AXES = COEFFICIENTS
-SIGNALS = tuple(f"signal{j}" for j in range(1, MOST_FOLLOWING + 1))
+SIGNALS = tuple(f"signal{j}" for j in range(1, MAX_FOLLOWING + 1))
 """Lags and delays of variables, as an injected effect defines them."""
 VARIABLES = (
     "1", "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "df", "CT", "dV",
@@ -29,7 +29,7 @@ VARIABLES = (
 """Names, in the order of a row of variables."""
 INDEX = {name: i for i, name in enumerate(VARIABLES)}
 Terms = tuple[NDArray[np.int64], NDArray[np.float64]]
-"""(k, 1 + MOST_FACTORS) axis and variables of each term (1 fills up), and (k,) values."""
+"""(k, 1 + MAX_FACTORS) axis and variables of each term (1 fills up), and (k,) values."""
 
 
 def compile_terms(terms: Iterable[tuple[str, str, float]]) -> Terms:
@@ -46,9 +46,9 @@ def compile_terms(terms: Iterable[tuple[str, str, float]]) -> Terms:
         for part in text.split("*"):
             name, _, power = part.partition("^")
             factors += [INDEX[name]] * int(power or 1)
-        rows.append([AXES.index(axis), *factors, *[0] * (MOST_FACTORS - len(factors))])
+        rows.append([AXES.index(axis), *factors, *[0] * (MAX_FACTORS - len(factors))])
         values.append(value)
-    return np.array(rows, dtype=np.int64).reshape(-1, 1 + MOST_FACTORS), np.array(values, dtype=float)
+    return np.array(rows, dtype=np.int64).reshape(-1, 1 + MAX_FACTORS), np.array(values, dtype=float)
 
 
 @njit(cache=True)

@@ -20,9 +20,9 @@ from structsel.errors import DataError
 VARIABLES = ("1", "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "df", "CT", "CL", "abs_alpha",
              "abs_beta", "abs_de", "abs_da", "abs_dr")  # fmt: skip
 """What a formula may hold in either plant; CT is thrust over dynamic pressure and area."""
-MOST_FACTORS = 4
+MAX_FACTORS = 4
 """Of one term, powers counted."""
-MOST_FOLLOWING = 4
+MAX_FOLLOWING = 4
 """Lags and delays of one case."""
 LIMITS = (0.02, 5.0)
 """Of a time constant or a delay [s]: two steps of the plants, and the time simulated before a recording begins."""
@@ -199,10 +199,10 @@ def _check_signals(declared: DeclaredEffect) -> None:
     if taken := [s for s in signals if s in VARIABLES or not s.isidentifier()]:
         raise DataError(f"the proof case of '{name}' has a signal '{taken[0]}'; its name must be a word of its own.")
     noises, following = len(declared.noise), declared.following
-    if noises > 1 or len(following) > MOST_FOLLOWING:
+    if noises > 1 or len(following) > MAX_FOLLOWING:
         raise DataError(
             f"the proof case of '{name}' has {noises} random signals and {len(following)} lags and delays; "
-            f"there is room for one and {MOST_FOLLOWING}."
+            f"there is room for one and {MAX_FOLLOWING}."
         )
     low, high = LIMITS
     for s in following:
@@ -224,9 +224,9 @@ def factors_of(formula: str, known: Sequence[str], name: str) -> Factors:
                 f"{', '.join(known)}."
             )
         factors.append((variable, int(power or 1)))
-    if (count := sum(power for _, power in factors)) > MOST_FACTORS:
+    if (count := sum(power for _, power in factors)) > MAX_FACTORS:
         raise DataError(
-            f"the proof case of '{name}' has the formula '{formula}' of {count} factors; {MOST_FACTORS} fit."
+            f"the proof case of '{name}' has the formula '{formula}' of {count} factors; {MAX_FACTORS} fit."
         )
     return tuple(factors)
 

@@ -113,7 +113,7 @@ class CoefficientComputation:
                 raise ChannelError(
                     f"{WHO} needs channel 'qbar' [Pa], or 'rho' [kg/m^3] or 'h' [m] to make it from; "
                     f"'{record.name}' has none.\nIt has: {', '.join(('t', *record.names))}.\n"
-                    "If the file holds one under another name, say so in a channel map."
+                    "If the file has one under another name, state it in a channel map."
                 )
             self._add(f"qbar: 0.5 rho V^2 with {source}", qbar=0.5 * rho * record["V"] ** 2)
         self.recording.require_above_zero("qbar", by=WHO)

@@ -43,7 +43,7 @@ def compute_coefficients(
         gravity; the thrust line takes the thrust out of forces and moments.
     V0 : float, optional [m/s]
         Reference of ``V_ratio``; the aircraft's if not given, else this recording's mean V. Several
-        recordings must share one: see `compute_all`.
+        recordings need a common one: see `compute_all`.
     method, order
         Of the differentiation, as `structsel.numerics.differentiation.differentiate` takes them.
 
@@ -52,8 +52,8 @@ def compute_coefficients(
     Recording
         With CX, CY, CZ, Cl, Cm, Cn, CL, CD, CT, qbar, mach, p_hat, q_hat, r_hat, alpha_dot, beta_dot,
         alpha_dot_hat, beta_dot_hat, V_ratio, as far as its channels allow. V, alpha and beta are those at
-        the centre of gravity; ax, ay, az stay as read. Findings of kind "left-out" and "assumed" say what
-        could not be made and what was taken as zero; the provenance says how the rest was made.
+        the centre of gravity; ax, ay, az stay as read. Findings of kind "left-out" and "assumed" list
+        what could not be computed and what was taken as zero; the provenance has the sources of the rest.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def compute_all(
         As for `compute_coefficients`.
     V0 : float, optional
         Reference airspeed [m/s]. Where neither it nor the aircraft's is given, it is the mean V of the first
-        recording, and a finding in each says so.
+        recording, and a finding in each states it.
 
     Returns
     -------

@@ -78,8 +78,8 @@ def best_subset(
     include : sequence of int
         Candidates in every model.
     min_tolerance : float [-]
-        Refuse models with a candidate of which at most this fraction of the centred variance is not explained by
-        the others.
+        Refuse models with a candidate if at most this fraction of its centred variance is not explained by the
+        others.
     hierarchy : Hierarchy, optional
         Only models that are hierarchical; included terms need no parent. The bounds are those of all models.
 

@@ -129,7 +129,7 @@ def solve(products: NormalEquations) -> Posterior:
 
 
 def wider_priors(mean: Array, variance: Array, factors: Array) -> Array:
-    """Increase of the log evidence where the prior of one coefficient at a time is wider by a factor.
+    """Increase of the log evidence where the prior of a single coefficient is wider by a factor.
 
     Parameters
     ----------

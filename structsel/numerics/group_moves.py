@@ -109,7 +109,7 @@ def _with_parents(groups, sizes, j, needs, inside):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def best_group(model, k, dof, rules, needs, groups, sizes, most):
+def best_group(model, k, dof, rules, needs, groups, sizes, max_terms):
     """Group with the largest excess over its price for each of its terms: the total excess and the candidate, or -1."""
     inside, d = model.inside, model.d
     p = inside.size
@@ -144,7 +144,7 @@ def best_group(model, k, dof, rules, needs, groups, sizes, most):
             sizes[j] = 0
             continue
         g = sizes[j]
-        if k + g > most or gain < rules.min_gain * g:
+        if k + g > max_terms or gain < rules.min_gain * g:
             continue
         value = np.log(d[p]) - np.log(max(d[p] - gain, 1e-300)) - group_price(rules.F_in, dof, k, g)
         if value >= 0.0 and (value / g > best or at < 0):

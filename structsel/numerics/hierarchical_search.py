@@ -81,7 +81,7 @@ def _enter_group(model, group, g, k, dof, trace, step):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _exchange(model, spare, k, dof, rules, needs, groups, sizes, most, theta, loss, trace, step):
+def _exchange(model, trial, k, dof, rules, needs, groups, sizes, max_terms, theta, loss, trace, step):
     """Make the exchange of a kept group for one outside that lowers the criterion most; the new k and step."""
     p = model.inside.size
     out, none = np.zeros(max(k, 1), np.bool_), np.empty((0, 7))
@@ -91,18 +91,18 @@ def _exchange(model, spare, k, dof, rules, needs, groups, sizes, most, theta, lo
         if model.forced[model.chosen[m]]:
             continue
         dependants(model, m, k, needs, out)
-        _copy(model, spare, k)
-        left, _ = _remove(spare, k, dof, needs, out, theta, loss, none, ZERO)
-        excess, j = best_group(spare, left, dof, rules, needs, groups, sizes, most)
+        _copy(model, trial, k)
+        left, _ = _remove(trial, k, dof, needs, out, theta, loss, none, ZERO)
+        excess, j = best_group(trial, left, dof, rules, needs, groups, sizes, max_terms)
         if j >= 0:
-            value = np.log(spare.d[p]) + group_price(rules.F_in, dof, 0, left) - excess
+            value = np.log(trial.d[p]) + group_price(rules.F_in, dof, 0, left) - excess
             if value < best:
                 best, at = value, m
     if at < 0:
         return k, step
     dependants(model, at, k, needs, out)
     k, step = _remove(model, k, dof, needs, out, theta, loss, trace, step)
-    _, j = best_group(model, k, dof, rules, needs, groups, sizes, most)
+    _, j = best_group(model, k, dof, rules, needs, groups, sizes, max_terms)
     return _enter_group(model, groups[j], sizes[j], k, dof, trace, step)
 
 
@@ -126,7 +126,7 @@ def hierarchical_search(C, dof, rules, needs, forced, initial, trace):
     limit = max(0, min(p, int(np.ceil(dof)) - 1))
     model, k, step = initial_model(C, dof, forced, initial, limit, rules.tolerance, trace)
     d, theta, loss = model.d, np.empty(limit), np.empty(limit)
-    spare = Model(
+    trial = Model(
         C, model.scale, np.empty_like(model.W), np.empty_like(model.T), d.copy(), model.b.copy(),
         np.empty_like(model.chosen), model.inside.copy(), model.forced.copy(),
     )  # fmt: skip
@@ -138,7 +138,7 @@ def hierarchical_search(C, dof, rules, needs, forced, initial, trace):
         k, step = _remove(model, k, dof, needs, out, theta, loss, trace, step)
         for i in range(k):
             out[i] = not model.forced[model.chosen[i]] and not satisfied(model.inside, model.chosen[i], needs)
-    most = min(limit, rules.max_terms)
+    max_terms = min(limit, rules.max_terms)
     why = CONSTANT if model.scale[p] == 0.0 else MOVE_LIMIT
     perfect, rounding = False, 0.0
     while why == MOVE_LIMIT and step < 50 * p + 1000:
@@ -152,14 +152,14 @@ def hierarchical_search(C, dof, rules, needs, forced, initial, trace):
         if perfect:
             why = PERFECT
             break
-        _, j = best_group(model, k, dof, rules, needs, groups, sizes, most)
+        _, j = best_group(model, k, dof, rules, needs, groups, sizes, max_terms)
         if j >= 0:
             k, step = _enter_group(model, groups[j], sizes[j], k, dof, trace, step)
             continue
-        why = MAX_TERMS if k >= most else NO_F if sizes.any() else NONE_LEFT
+        why = MAX_TERMS if k >= max_terms else NO_F if sizes.any() else NONE_LEFT
         if rules.swap:
             before = step
-            k, step = _exchange(model, spare, k, dof, rules, needs, groups, sizes, most, theta, loss, trace, step)
+            k, step = _exchange(model, trial, k, dof, rules, needs, groups, sizes, max_terms, theta, loss, trace, step)
             if step > before:
                 why = MOVE_LIMIT
     chosen, theta_kept, rss_kept, refused = search_result(model, k, rules.tolerance)

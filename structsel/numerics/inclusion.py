@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from structsel.numerics.arrays import Array
 from structsel.numerics.normal_equations import project
 
-DEPENDENT = 1e-9  # of a column's sum of squares: what is left of one that others explain
+DEPENDENT = 1e-9  # of a column's sum of squares: residual of a column that others explain, by rounding
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding
 
 

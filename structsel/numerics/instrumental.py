@@ -118,7 +118,7 @@ def past_exponents(
     ----------
     candidates : (p, s) int array
     products : sequence of int
-        Candidates of which the value at the first lag is an instrument as well.
+        Candidates whose value at the first lag is an instrument as well.
     n_responses : int
 
     Returns

@@ -132,7 +132,7 @@ def smooth_samples(first, last, f, states, x, quaternion, S, filtered, quaternio
     """
     L = len(x)
     m = L - f
-    later, below, beside, move = np.empty(L), np.empty((m, f)), np.empty((m, 2 * m)), np.zeros(3)
+    later, below, pair, move = np.empty(L), np.empty((m, f)), np.empty((m, 2 * m)), np.zeros(3)
     scratch = (np.empty((L, L)), np.empty((3, L)), np.zeros(6), np.empty((3, 3)), np.empty(L))
     for k in range(last - 1, first - 1, -1):
         G = steps.gain[k - first]
@@ -157,7 +157,7 @@ def smooth_samples(first, last, f, states, x, quaternion, S, filtered, quaternio
                 move[state - _PHI] = moved
             else:
                 x[f + a] = filtered[k - 1, f + a] + moved
-        _back_roots(f, G, steps.root[k - first], S, below, beside)
+        _back_roots(f, G, steps.root[k - first], S, below, pair)
         cosines_of(quaternions[k - 1], scratch[3])
         d = to_body(scratch[3], move[0], move[1], move[2])
         turn(quaternions[k - 1], d[0], d[1], d[2], quaternion)
@@ -166,7 +166,7 @@ def smooth_samples(first, last, f, states, x, quaternion, S, filtered, quaternio
 
 
 @njit(**REORDERED)
-def _back_roots(f, G, D, S, below, beside):  # type: ignore[no-untyped-def]
+def _back_roots(f, G, D, S, below, pair):  # type: ignore[no-untyped-def]
     """Replace the rows of the moving states in S by those one sample before."""
     L = len(S)
     m = L - f
@@ -174,8 +174,8 @@ def _back_roots(f, G, D, S, below, beside):  # type: ignore[no-untyped-def]
         for c in range(f):
             below[a, c] = 0.0
         for c in range(m):
-            beside[a, c] = 0.0
-            beside[a, m + c] = D[a, c]
+            pair[a, c] = 0.0
+            pair[a, m + c] = D[a, c]
         for j in range(f):
             weight = G[a, j]
             for c in range(j + 1):
@@ -185,13 +185,13 @@ def _back_roots(f, G, D, S, below, beside):  # type: ignore[no-untyped-def]
             for c in range(f):
                 below[a, c] += weight * S[j, c]
             for c in range(j + 1 - f):
-                beside[a, c] += weight * S[j, f + c]
-    triangularise(beside, m, 2 * m)
+                pair[a, c] += weight * S[j, f + c]
+    triangularise(pair, m, 2 * m)
     for a in range(m):
         for c in range(f):
             S[f + a, c] = below[a, c]
         for c in range(m):
-            S[f + a, f + c] = beside[a, c] if c <= a else 0.0
+            S[f + a, f + c] = pair[a, c] if c <= a else 0.0
 
 
 @njit(cache=True)

@@ -174,10 +174,10 @@ def sensitivity_factor(
     sampled = np.isfinite(problem.measurements[segment])
     if not problem.located:
         sampled[:, 7:9] = False  # a position that is not a state explains no measurement
-    chosen, most = [], max(_FEWEST_KEPT, min(_KEPT, _INTEGRATED * len(t) // len(problem.t)))
+    chosen, limit = [], max(_FEWEST_KEPT, min(_KEPT, _INTEGRATED * len(t) // len(problem.t)))
     for column in sampled.T:
         seen = np.flatnonzero(column)
-        chosen.append(seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), most)).astype(int))])
+        chosen.append(seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), limit)).astype(int))])
     at = np.unique(np.concatenate(chosen))
     dh = np.empty((len(at), len(MEASUREMENTS), L))
     for j, state in enumerate(active):

@@ -111,8 +111,8 @@ def _supported(
 ) -> tuple[str, ...]:
     """Scale errors that are determined, and whose odds exceed one, when the others are estimated.
 
-    One at a time is removed: first those that this noise does not determine, in the order of `FIX_FIRST`, then the
-    least probable.
+    They are removed singly: first those that this noise does not determine, in the order of `FIX_FIRST`, then the least
+    probable.
     """
     part, kept = most_active_interval(problem_setup.problem), list(candidates)
     while kept:

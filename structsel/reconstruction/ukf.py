@@ -26,7 +26,7 @@ from structsel.reconstruction.kinematics_problem import KinematicsProblem
 
 _BLOCK_BYTES = 256_000_000  # of gains held at once: an hour at 50 Hz with 20 states; beyond it they are made twice
 _MAX_BYTES = 100_000_000  # of covariances returned; chosen, not critical
-# Standard deviation [rad] of attitude and flow angles below which sigma points are on a straight line: their even part
+# Standard deviation [rad] of attitude and flow angles below which sigma points are linear: their even part
 # is half of this relative to the odd part, and the mean moves by as little of its own standard deviation.
 _NARROW = 2e-3
 _LEAST_ERROR = 1e-6  # rad, of the attitude at the start
@@ -90,7 +90,7 @@ class SmootherResult:
 
 
 class _Run:
-    """A filter run in blocks, of which only one has its gains in memory."""
+    """A filter run in blocks; only one block has its gains in memory."""
 
     def __init__(self, problem: KinematicsProblem, spread: float, gate: float):
         smallest, largest = SMALLEST_SPREAD, LARGEST_SPREAD

@@ -40,7 +40,7 @@ _PART, _PARTS = 1000, 10  # samples of a part, and number of parts, of a long re
 _HEALTHY = 1.944**0.5
 _CORRELATED, _LOCKED = 0.9, 0.95  # least correlation of a scale; of an equation that only a correction makes correlated
 _SIGMAS = 3.0  # of the bound of the correlation
-_MOST = 3  # corrections of one recording
+_MAX_CORRECTIONS = 3  # corrections of one recording
 # Standard deviation of the left side below which only noise and drift of an instrument are compared.
 _QUIET = {**dict.fromkeys(BODY_RATES, 1e-3), "az": 0.05, "h": 0.1}  # rad/s, m/s^2, m/s
 _MISFIT = 0.01  # least misfit that counts: scale errors of 10 %
@@ -108,7 +108,7 @@ def find_kinematic_errors(t: np.ndarray, channels: Mapping[str, np.ndarray]) -> 
     parts = _representative_parts(t, channels)
     found: list[Finding] = []
     now = _closures(parts)
-    while len(found) < _MOST and (doubtful := _doubtful(now)):
+    while len(found) < _MAX_CORRECTIONS and (doubtful := _doubtful(now)):
         best = _best_correction(parts, now, doubtful)
         if not best:
             break
@@ -215,8 +215,8 @@ def _best_correction(
             tried.append((len(won), one, misfit))
     if not tried:
         return []
-    most = max(count for count, _, _ in tried)
-    left = [(one.rank, len(one.channels), misfit, one) for count, one, misfit in tried if count == most]
+    largest = max(count for count, _, _ in tried)
+    left = [(one.rank, len(one.channels), misfit, one) for count, one, misfit in tried if count == largest]
     first = min((rank, size) for rank, size, _, _ in left)
     left = [row for row in left if row[:2] == first]
     least = min(misfit for _, _, misfit, _ in left)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.inclusion import DEPENDENT
 from structsel.numerics.normal_equations import project
 
-DEPENDENT = 1e-9  # of a column's sum of squares: what is left of one that others explain
 ALIASED = 0.7  # correlation given the other terms from which two terms are aliased, not merely both weak
 SAME_FIT = 4.0  # an alias within this of the kept term's residual, in units of s^2, is as good: likelihood ratio e^2
 

@@ -44,11 +44,11 @@ PAST_ROUNDS = 3  # of noise models and causal rows, whose terms are given
 SIGNIFICANCE = 0.01
 """Of the tests of exogeneity (Durbin, Wu and Hausman) and of the instruments (Sargan), by which rows are chosen."""
 TURBULENT = 0.01
-"""Share of the variation of alpha or beta that the past does not predict, from which rows are causal by default. Of
+"""Fraction of the variation of alpha or beta that the past does not predict, from which rows are causal by default. Of
 alpha it is 0.004 on the demonstration flights in calm air (vane noise), 0.03, 0.08 and 0.18 in gusts of 0.4, 0.8 and
-1.6 m/s. Where it is small the test rejects for other reasons: channels that are late by part of a sample."""
+1.6 m/s. Where it is small the test rejects for other reasons: channels that are delayed by part of a sample."""
 LONGEST_LAG = 0.25
-"""Least lag of an instrument [s] with which turbulence can be told from the motion: below the time constants of short
+"""Least lag of an instrument [s] that separates turbulence from the motion: below the time constants of short
 period and roll. At 10 Hz, half a second, 1 % of alpha is not predicted in calm air either."""
 COMPANION_DEGREE = 2  # of the models whose residuals are regressors
 SAMPLES_PER_INSTRUMENT = 10
@@ -117,8 +117,8 @@ def turbulence_shows(
     products = cross_products(data, table, scales=(base, scales[1][:1]), **given).within_manoeuvres()
     m = len(flow_angles)
     left = project(products.total(), range(1 + m, 1 + m + n_instruments)).remaining[1 : 1 + m]
-    whole = np.diag(products.total())[1 : 1 + m]
-    return bool(np.any(left > TURBULENT * whole))
+    total = np.diag(products.total())[1 : 1 + m]
+    return bool(np.any(left > TURBULENT * total))
 
 
 def is_needed(past: PastFit, misfit: bool) -> bool:
@@ -173,7 +173,7 @@ def instrumented_products(
 
 
 def use_past(data: EngineData, choices: list[Choice], shared: list[CrossProducts]) -> list[Choice]:
-    """Causal rows for the responses whose candidates follow the residual, or for all where the options say so."""
+    """Causal rows for the responses whose candidates follow the residual, or for all by option."""
     choices = list(choices)
     companions = data.companions[0].responses(0, 1).shape[0] if data.companions else 0
     signals, terms = data.exponents.shape[1], sum(len(choice.result.selected) for choice in choices)
@@ -256,7 +256,7 @@ def _past(
 
 
 def constants_of_past(choice: Choice, shared: CrossProducts) -> Array:
-    """Constant of each manoeuvre with the slopes of what the past predicts; empty where all share one."""
+    """Constant of each manoeuvre with the slopes of what the past predicts; empty where all have one constant."""
     if choice.past is None or not choice.search.products.own_constants:
         return np.empty(0)
     return shared.constants(choice.past.slopes, [j + 1 for j in choice.result.selected]) * shared.scale[-1]

@@ -87,7 +87,7 @@ class Checkpoint:
         return result
 
     def save(self, result: Array) -> None:
-        """Add the result of the pass that `load` was last asked for."""
+        """Add the result of the pass that the last `load` requested."""
         about = {"schema": SCHEMA, "identity": self.identity}
         try:
             with replacing(self.path) as partial:

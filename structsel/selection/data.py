@@ -201,7 +201,7 @@ def summarise_recordings(
     for response in responses:
         if response in candidates.channels:
             raise SelectionError(
-                f"select: response {response!r} is also a channel of the candidates, which would explain it by itself.",
+                f"select: response {response!r} is also a channel of the candidates, which alone would explain it.",
                 remedy="Take it out with candidates.without(...).",
                 cli_remedy="Leave the response out of --candidates and --terms.",
             )

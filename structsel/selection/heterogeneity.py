@@ -1,6 +1,7 @@
-"""Whether a term has the same value in every manoeuvre, and what it adds to the standard error where it has not.
+"""Whether a term has the same value in every manoeuvre, and the larger standard error where it has not.
 
-Of term j let x be what the other terms leave of it, e the residual of the fit. In manoeuvre k the value deviates by::
+Of term j let x be the residual after regression on the other terms, e the residual of the
+fit. In manoeuvre k the value deviates by::
 
     d_k = sum_k x e / q_k,    q_k = sum_k x^2,    variance c s^2 / q_k
 
@@ -105,10 +106,10 @@ def _of_term(
     c = _samples_per_one(score - deviation[group] * square, square, group, s2)
     standardised = deviation * np.sqrt(q / (c * s2))
     freedom = int(usable.sum()) - 1
-    Q, whole = float(standardised @ standardised), float(q[usable].sum())
+    Q, weight = float(standardised @ standardised), float(q[usable].sum())
     if freedom < 1:
         return 0.0, 1.0, deviation, standardised
-    added = variance_between(deviation[usable], c * s2 / q[usable]) * float(q[usable] @ q[usable]) / whole**2
+    added = variance_between(deviation[usable], c * s2 / q[usable]) * float(q[usable] @ q[usable]) / weight**2
     return added, float(scipy.stats.chi2.sf(Q, freedom)), deviation, standardised
 
 

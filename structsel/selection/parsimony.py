@@ -90,7 +90,7 @@ def find_simplest(search: Search, result: SearchResult) -> Simplest:
     "As well": the mean of the differences of squared error between folds is within one standard error of zero.
     Differences of the same fold are compared, since manoeuvres differ by more than models do.
 
-    These are errors of selections repeated without each fold, some of which may go astray. So a model is not taken if
+    These are errors of selections repeated without each fold, and some may be wrong. So a model is not taken if
     the terms of the complete selection, only estimated again without each fold, predict better by more than two
     standard errors of the differences between manoeuvres or, of few manoeuvres, blocks.
     """

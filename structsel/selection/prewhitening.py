@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts, prewhitened_cross_products
+from structsel.numerics.inclusion import DEPENDENT
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import project
 from structsel.numerics.regressors import DataSource
-from structsel.selection.aliases import DEPENDENT
 from structsel.selection.choices import Choice, EngineData, fit_noise
 from structsel.selection.data import SelectedResponses
 from structsel.selection.resampling import cross_validate
@@ -26,7 +26,7 @@ PILOT = 32, 0.2
 is that of the unfiltered products, the second that of prewhitened products of a part of the samples."""
 LARGEST_PILOT = 0.5  # of the candidates; the products cost the square of it
 SPARSE, PARTS, SHORTEST_PART = 8, 4, 256
-"""Samples of which one is in a part, parts of each manoeuvre, and samples of the shortest part."""
+"""One sample in so many is in a part; parts of each manoeuvre; samples of the shortest part."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ def _own_constants(products: CrossProducts, search: Search) -> CrossProducts:
 def _pilot(data: EngineData, choices: Sequence[Choice], noise: Sequence[Sequence[ARNoise]]) -> dict[int, Choice]:
     """Choices of a search among the candidates that explain most, where they differ from those given, by response."""
     p, options, everyone = len(data.exponents), data.options, range(len(choices))
-    most = max(PILOT[0], int(PILOT[1] * p))
-    if 2 * most > LARGEST_PILOT * p or options.criterion_used == "cv" or options.hierarchy != "none":
+    count = max(PILOT[0], int(PILOT[1] * p))
+    if 2 * count > LARGEST_PILOT * p or options.criterion_used == "cv" or options.hierarchy != "none":
         return {}
     parts, models = _in_parts(data.manoeuvres, noise)
     if not parts:
@@ -120,7 +120,7 @@ def _pilot(data: EngineData, choices: Sequence[Choice], noise: Sequence[Sequence
     pool = np.zeros(p, dtype=bool)
     for choice, products in zip(choices, some, strict=True):
         sparse = replace(choice.search, products=_own_constants(products, choice.search))
-        pool |= _most_explaining(choice.search, choice.result, most) | _most_explaining(sparse, sparse.run(), most)
+        pool |= _best_explaining(choice.search, choice.result, count) | _best_explaining(sparse, sparse.run(), count)
     numbers = np.flatnonzero(pool)
     if numbers.size > LARGEST_PILOT * p:
         return {}
@@ -153,7 +153,7 @@ def _in_parts(
     return parts, models
 
 
-def _most_explaining(search: Search, result: SearchResult, most: int) -> NDArray[np.bool_]:
+def _best_explaining(search: Search, result: SearchResult, count: int) -> NDArray[np.bool_]:
     """(p,) whether a candidate is chosen, given, or among those that explain most of what the chosen ones leave."""
     product, kept = search.products.total(), list(result.selected)
     rows = [0, *(1 + j for j in kept)]
@@ -164,7 +164,7 @@ def _most_explaining(search: Search, result: SearchResult, most: int) -> NDArray
     always = [*kept, *search.constraints.include, *search.constraints.initial]
     explained[always] = np.inf
     pool = np.zeros(explained.size, dtype=bool)
-    pool[np.argsort(-explained, kind="stable")[: max(most, len(set(always)))]] = True
+    pool[np.argsort(-explained, kind="stable")[: max(count, len(set(always)))]] = True
     return pool
 
 

@@ -45,7 +45,7 @@ COLUMN_NOTES = (
     "prob.: probability that the term belongs in the model, from resampled selections; VIF: variance inflation factor; "
     "cross-validated: each manoeuvre (part of a single one) predicted by a model selected without it."
 )
-"""What the columns of a selection mean."""
+"""Meaning of the columns of a selection."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)

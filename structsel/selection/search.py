@@ -16,11 +16,11 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.cluster_stepwise import samples_per_independent_sample
 from structsel.numerics.collinearity import drop_correlated
 from structsel.numerics.cross_products import CrossProducts
-from structsel.numerics.inclusion import inclusion_probabilities
+from structsel.numerics.inclusion import DEPENDENT, inclusion_probabilities
 from structsel.numerics.normal_equations import centre, project, solve_normal_equations
 from structsel.numerics.search_path import SearchStep
 from structsel.numerics.stepwise import partial_f, stepwise
-from structsel.selection.aliases import DEPENDENT, SAME_FIT, find_aliases
+from structsel.selection.aliases import SAME_FIT, find_aliases
 from structsel.selection.methods import METHODS, SearchConstraints, SearchProblem
 from structsel.selection.methods.method import Model
 from structsel.selection.settings import SelectOptions
@@ -29,7 +29,7 @@ Fold = tuple[Array, Array]
 """Products [1, x, y] of the samples to fit, and of those to predict."""
 
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding, and no model is better for it
-CONSTANT = 1e-11  # of a column's mean square: what is left of a constant one after rounding
+CONSTANT = 1e-11  # of a column's mean square: rounding of a constant column
 FOLDS_WITHIN = 4  # parts left out in turn where there is a single manoeuvre
 MAX_FOLDS = 12
 

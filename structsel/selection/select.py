@@ -61,7 +61,7 @@ def select(
         time, several times over: all of them need not fit in memory. A DataFrame has a column ``t`` and is in SI units
         and radians; see `Recording.from_frame` for others.
     responses : str or sequence of str
-        ``"CZ"``, or several; all share one pass over the data.
+        ``"CZ"``, or several; all need one pass over the data.
     candidates : Candidates, or iterable of Term or str
         The pool; ``["alpha", "alpha^2", "de"]`` is read as by `Candidates.parse`. The constant is always in the model.
     options : SelectOptions, optional
@@ -74,8 +74,8 @@ def select(
         File for the results of the passes over the data; removed when the selection is complete. An interrupted
         run continues after its last complete pass, if data and options are the same.
     client : distributed.Client, optional
-        Of a Dask cluster, whose workers read the recordings, one part each at a time; they must be able to read the
-        files of `stream_recordings`. The result is that of this process.
+        Of a Dask cluster, whose workers read the recordings part by part; they must be able to read the files of
+        `stream_recordings`. The result is that of this process.
 
     Returns
     -------

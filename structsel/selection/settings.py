@@ -224,7 +224,7 @@ class SelectOptions:
 
     @property
     def criterion_used(self) -> str | None:
-        """The criterion asked for, or else that of the method; None where F-tests decide."""
+        """The given criterion, or that of the method; None where F-tests decide."""
         return self.criterion if self.criterion is not None else METHODS[self.method].default_criterion
 
 

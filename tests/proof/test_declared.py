@@ -172,12 +172,12 @@ def test_signals_of_the_polynomial_plant_are_the_lag_and_the_delay_of_their_vari
     physics = InjectedPhysics([("Cm", "signal2", 0.07)], signals=((of, 0.4, 0.0), (of, 0.0, 0.25)))
     settings = settings_of(truth, [manoeuvre], 0.0)
     (flight,) = simulate_truth(truth, [manoeuvre], physics, settings, 1.0 / DT)
-    x, lagged, late = (flight.variable(name) for name in (of, "signal1", "signal2"))
+    x, lagged, later = (flight.variable(name) for name in (of, "signal1", "signal2"))
     assert np.ptp(x) > 0.05
     _, expected, _ = lsim(([1.0], [0.4, 1.0]), x - lagged[0], flight.t, interp=linear)
     assert_allclose(lagged, lagged[0] + expected, rtol=0, atol=tolerance * np.ptp(x))
-    assert_allclose(late[25:], x[:-25], rtol=0, atol=1e-15)
-    assert_allclose(flight.extras[:, AXES.index("Cm")], 0.07 * late, rtol=1e-12)
+    assert_allclose(later[25:], x[:-25], rtol=0, atol=1e-15)
+    assert_allclose(flight.extras[:, AXES.index("Cm")], 0.07 * later, rtol=1e-12)
 
 
 def test_a_value_is_delayed_by_steps_in_jsbsim():

@@ -24,7 +24,7 @@ Model = tuple[tuple[int, ...], float]
 
 @dataclass(frozen=True)
 class SearchConstraints:
-    """What is known of the candidates before the search.
+    """Constraints on the candidates of the search.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class SelectionMethod:
     search : callable
         From a `SearchProblem` to `VisitedModels`.
     default_criterion : str, optional
-        Chooses among the models visited, where no criterion is asked for; None: the search itself decides.
+        Chooses among the models visited, where no criterion is given; None: the search itself decides.
     options : tuple of str
         Fields of `SelectOptions` that this method reads and others need not.
     cluster_robust : bool

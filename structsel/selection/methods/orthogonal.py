@@ -19,20 +19,20 @@ NEARLY_ALL = 0.8  # of those ranked: where the search ends later than this, all 
 def search(problem: SearchProblem) -> VisitedModels:
     """Rank as many as a model may have; for PSE on to the last if it is still falling where those end."""
     options, include = problem.options, problem.constraints.include
-    most = min(problem.n_candidates, options.max_terms or problem.n_candidates)
-    first = most if options.order == "given" else min(most, max(RANK_AT_FIRST, len(include)))
+    limit = min(problem.n_candidates, options.max_terms or problem.n_candidates)
+    first = limit if options.order == "given" else min(limit, max(RANK_AT_FIRST, len(include)))
     by_pse = options.criterion_used == "PSE"
-    for limit in (first, most) if by_pse else (first,):
+    for length in (first, limit) if by_pse else (first,):
         path = orthogonal(
             problem.products,
             problem.dof,
             sigma_max2=problem.sigma_max2 if by_pse else 0.0,  # without a price of terms the path goes to its end
             order=options.order,
             include=include,
-            max_terms=limit,
+            max_terms=length,
             hierarchy=problem.constraints.hierarchy,
         )
-        if len(path.selected) < NEARLY_ALL * limit:
+        if len(path.selected) < NEARLY_ALL * length:
             break
     refined = options.criterion_used == "EBIC" and options.order == "greedy"
     return _refined(path, problem) if refined else visited_on(path)

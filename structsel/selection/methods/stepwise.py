@@ -57,11 +57,11 @@ def _least_gain(problem: SearchProblem) -> float:
 
 
 def _refined(path: SearchPath, problem: SearchProblem, F_in: float) -> SearchPath:
-    """Escape where one term stands in for two, or two for one, which exchanges of single terms cannot."""
+    """Escape where one term replaces two, or two replace one, which exchanges of single terms cannot."""
     if len(path.selected) > PAIRS_UP_TO:
         return path
-    include, most = problem.constraints.include, problem.options.max_terms
-    better = refine_subset(problem.products, path.dof, path.selected, F_in, include=include, max_terms=most)
+    include, limit = problem.constraints.include, problem.options.max_terms
+    better = refine_subset(problem.products, path.dof, path.selected, F_in, include=include, max_terms=limit)
     moves = better.steps[len(path.selected) :]
     return replace(better, steps=(*path.steps, *moves), stopped=path.stopped) if moves else path
 
