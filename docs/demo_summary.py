@@ -90,6 +90,7 @@ def _draw_errors(axes: Axes, result: dict[str, Any]) -> None:
     axes.axhline(0.0, color="0.4", lw=0.8)
     axes.set_xticks([x for x, _ in ticks], [name for _, name in ticks])
     axes.set_xlim(-0.5, place + 1.5)
+    axes.margins(y=0.12)  # room for the names of the highest points
     axes.set_ylabel("error / half of the 95 % interval [-]")
     axes.set_title("Estimated minus true value of each parameter", fontsize=9)
 
