@@ -3,6 +3,7 @@
 import ast
 import inspect
 import json
+import pickle
 import subprocess
 import sys
 import time
@@ -134,3 +135,15 @@ def test_a_progress_line_says_that_code_is_compiled_on_a_terminal_only(terminal,
         time.sleep(0.3)  # the bar is shown by a timer
         kernel(1.0)
     assert (messages.COMPILING in capsys.readouterr().err) is terminal
+
+
+def test_a_cache_with_types_that_have_moved_is_compiled_anew(tmp_path):
+    # An upgrade leaves numba's files in place; they name the classes of arguments by their former modules.
+    compiling.load_compiler()
+    numba, caching = import_module("numba"), import_module("numba.core.caching")
+    former = b"cstructsel.numerics.compiling\nNoSuchClass\n."
+    (tmp_path / "kernel.nbi").write_bytes(pickle.dumps(numba.__version__, protocol=-1) + former)
+    cache = caching.IndexDataCacheFile(str(tmp_path), "kernel", "stamp")
+    assert cache.load("signature") is None
+    cache.save("signature", "code")
+    assert cache.load("signature") == "code"

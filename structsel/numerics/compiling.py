@@ -53,6 +53,7 @@ def load_compiler() -> None:
         if _numba is None:
             import numba
 
+            _compile_what_cannot_be_read()
             _numba = numba
         while _WAITING:
             kernel, options = next(iter(_WAITING.items()))
@@ -62,6 +63,21 @@ def load_compiler() -> None:
         own = [vars(module) for name, module in list(sys.modules.items()) if name.partition(".")[0] == package]
         for names in (*own, *(kernel.__wrapped__.__globals__ for kernel in _replaced)):  # type: ignore[attr-defined]
             _replace_kernels(names)
+
+
+def _compile_what_cannot_be_read() -> None:
+    """Ignore a cache of numba that names types of an earlier version, which have moved or are gone."""
+    from numba.core.caching import IndexDataCacheFile
+
+    read = IndexDataCacheFile._load_index
+
+    def read_or_ignore(self: Any) -> Any:
+        try:
+            return read(self)
+        except (AttributeError, ImportError):
+            return {}
+
+    IndexDataCacheFile._load_index = read_or_ignore  # type: ignore[method-assign]
 
 
 def _replace_kernels(names: dict[str, Any]) -> None:
