@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from structsel.formatting import format_decimals, format_number
-from structsel.inputs import Scatter
-from structsel.reconstruction import CONSTANTS, Reconstruction
-from structsel.recording import Recording
-from structsel.selection import Selection
 from structsel.tables import Cell, Column, Summary, Table, text_column
+
+if TYPE_CHECKING:  # each command imports what it shows
+    from structsel.inputs import Scatter
+    from structsel.reconstruction import Reconstruction
+    from structsel.recording import Recording
+    from structsel.selection import Selection
 
 _MOTION = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "h", "ax", "ay", "az")
 _MAX_PARAMETERS = 5  # in one table
@@ -65,6 +67,8 @@ def summarise_truth(selection: Selection, truth: Mapping[str, float]) -> Summary
 
 def summarise_reconstructions(by_method: Mapping[str, Reconstruction]) -> Summary:
     """Constants and residuals of one manoeuvre, for each method that could reconstruct it."""
+    from structsel.reconstruction import CONSTANTS  # of use to one command
+
     results = list(by_method.values())
     names = [name for name in CONSTANTS if any(c.name == name for one in results for c in one.constants)]
     numbers = [column for method in by_method for column in (Column(method), Column("std", "2g"))]
