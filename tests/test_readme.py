@@ -176,6 +176,17 @@ def test_a_how_to_page_is_followed_by_its_own_text_alone(path, tmp_path):
         assert " ".join(block.split()) in " ".join(printed.split())
 
 
+@pytest.mark.slow
+def test_the_page_of_four_packages_shows_what_its_block_prints(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert CliRunner().invoke(app, ["demo", "--out", "out/demo", "--bootstrap", "0", "--no-plots"]).exit_code == 0
+    page = (ROOT / "docs/lines-of-code.md").read_text()
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code_blocks(page, "python")[0], {})
+    assert_same_text(printed.getvalue(), code_blocks(page, "text")[0], BETWEEN)
+
+
 def test_every_file_the_documents_point_to_is_there():
     for path in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")):
         for target in re.findall(r"\]\(([^)#:]+)\)", path.read_text()):
