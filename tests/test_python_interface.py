@@ -218,7 +218,11 @@ NO_RECORDING, NO_AIRCRAFT, NO_MODEL = "needs one recording", "needs an Aircraft"
         (lambda: ss.design_inputs(MODEL, noise={}), "needs a LinearModel.*\n.*AeroModel", "linearise(model"),
         (lambda: ss.compare_inputs("m", noise={}, energy=1.0), "needs a LinearModel.*\n.*a str", "linearise(model"),
         (lambda: ss.refine(MODEL, "a.toml", [FLIGHT]), f"{NO_AIRCRAFT}.*\n.*a str", "Aircraft.from_toml"),
-        (lambda: ss.refine("model.json", AIRCRAFT, [FLIGHT]), "refine takes a LinearModel.*a str", "LinearStructure"),
+        (
+            lambda: ss.refine("model.json", AIRCRAFT, [FLIGHT]),
+            "refine takes a LinearModel.*of type str",
+            "LinearStructure",
+        ),
         (lambda: ss.qualify(MODEL, AIRCRAFT, "m1.csv"), "needs recordings.*\n.*a str", "read_recording"),
         (lambda: ss.qualify(MODEL, AIRCRAFT, FLIGHT, corrected="m"), "as corrected model.*\n.*a str", "from_json"),
         (lambda: ss.frequency_response("m1.csv", "q", "de"), "needs recordings.*\n.*a str", "read_recording"),

@@ -218,7 +218,7 @@ def test_wrong_names_and_clocks_are_refused():
     uneven = Recording("m02", np.append(flight.t[:-1], 12.0), dict(flight.channels))
     with pytest.raises(DataError, match="'m02' has one of"):
         refine(pitch(), None, uneven)
-    with pytest.raises(ModelError, match="given a int"):
+    with pytest.raises(TypeError, match="its model is of type int"):
         refine(3, None, flight)
 
 
@@ -253,7 +253,7 @@ def test_methods_stand_side_by_side_with_intervals():
     text = str(table)
     assert "equation error" in text
     assert "truth" in text
-    assert "intervals of 95%" in text
+    assert "intervals of 95 %" in text
     with pytest.raises(ModelError, match="needs estimates"):
         compare_estimates({})
 

@@ -12,7 +12,7 @@ import scipy
 
 from structsel.aircraft import Aircraft
 from structsel.errors import DataError, ModelError, RefinementError, StructselError
-from structsel.formatting import display_unit, format_number
+from structsel.formatting import display_unit, format_number, format_percent
 from structsel.model import AeroModel
 from structsel.nomenclature import unit_of
 from structsel.recording import Recording
@@ -93,7 +93,7 @@ class Derivatives(Result):
             for i, name in enumerate(self.parameters)
         ]
         warnings = (f"{', '.join(self.recordings[g])}, {method}: {text}" for (g, method), text in self.notes.items())
-        about = f"over {self.against}, intervals of {self.level:.0%}"
+        about = f"over {self.against}, intervals of {format_percent(self.level)}"
         return Summary("Estimates", about, tables=tuple(tables), warnings=tuple(warnings))
 
     def _estimates(self, g: int, i: int) -> list[str | None]:

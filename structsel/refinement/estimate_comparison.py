@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from structsel.errors import ModelError
-from structsel.formatting import format_number
+from structsel.formatting import format_number, format_percent
 from structsel.model import AeroModel
 from structsel.refinement.equation_error import EquationError
 from structsel.refinement.result import Refinement
@@ -90,7 +90,7 @@ class EstimateComparison(Result):
         columns = (text_column("parameter"), *([Column("truth", "5g")] if known else []), *map(Column, self.methods))
         note = "; * where the truth lies outside" if known else ""
         table = Table(columns, tuple(rows))
-        return Summary("Estimates", f"by method, intervals of {self.level:.0%}{note}", tables=(table,))
+        return Summary("Estimates", f"by method, intervals of {format_percent(self.level)}{note}", tables=(table,))
 
     def _cell(self, i: int, j: int, half: float) -> str | None:
         value, truth = self.values[i, j], self.truth[i]

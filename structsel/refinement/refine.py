@@ -187,7 +187,7 @@ def _make_flight(model: Any, aircraft: Aircraft | None, options: RefineOptions) 
             delayed=delayed,
         )
     raise ArgumentError(
-        f"refine takes a LinearModel, a LinearStructure or an AeroModel; it was given a {type(model).__name__}.\n"
+        f"refine takes a LinearModel, a LinearStructure or an AeroModel; its model is of type {type(model).__name__}.\n"
         "Name the parameters of a linear system with LinearStructure.from_entries()."
     )
 

@@ -31,7 +31,9 @@ _HERE = Path(__file__).parent
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 _EXPONENT = re.compile(r"(?<![\w.])-?(\d(?:\.\d+)?)e[+-]?\d{1,2}(?![\w.])")
 _SQUARE = re.compile(r"(?<=/s)\^2|(?<=/rad)\^2|(?<=/deg)\^2|(?<=\bm)\^2")
-_BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|±|s|m|km|kg|N|deg|rad|Hz|ms|h|K|Pa|V|1)(?:[\s,;.)/²]|$))|(?<=±) (?=\d)")
+_BEFORE_UNIT = re.compile(
+    r"(?<=\d)(?=%)|(?<=\d) (?=(?:%|±|s|m|km|kg|N|deg|rad|Hz|ms|h|K|Pa|V|1)(?:[\s,;.)/²]|$))|(?<=±) (?=\d)"
+)
 _MAX_PRINTED_WARNINGS = 6
 _MAX_TITLES = 12  # of sections that the printed summary omits
 MAX_PRINTED_FINDINGS = 2
