@@ -299,3 +299,11 @@ def test_several_responses_have_each_their_own_truth_on_the_same_signals():
     assert six.true == one.true
     for a, b in itertools.combinations(responses, 2):
         assert np.abs(np.corrcoef(a, b)[0, 1]) < 0.9999
+
+
+def test_in_open_loop_the_surfaces_do_not_answer_the_motion():
+    # Before the first input, at 1 s, surfaces of the closed loop answer the gusts; those of the open loop stay.
+    open_loop, closed = (demo_flights(1, 3, duration=1.0, noise=0.0, augmentation=gain)[0][0] for gain in (0.0, 1.0))
+    for surface in ("da", "dr"):
+        assert np.ptp(open_loop[surface]) < 1e-9
+        assert np.ptp(closed[surface]) > 1e-4

@@ -60,6 +60,7 @@ def demo_flights(
     noise: float = 1.0,
     turbulence: float = 1.0,
     exact_derivatives: bool = False,
+    augmentation: float = 1.0,
 ) -> tuple[list[Recording], Aircraft, dict[str, dict[str, float]]]:
     """Return manoeuvres simulated in turbulence at 50 Hz, their aircraft, and the truth.
 
@@ -77,6 +78,8 @@ def demo_flights(
         1 is a gust of 0.8 m/s standard deviation, with rolling, pitching and yawing gusts in proportion.
     exact_derivatives : bool
         Record p_dot, q_dot, r_dot, without noise.
+    augmentation : float
+        Factor of the gains with which the surfaces answer rates, attitude and sideslip; 0 is open loop.
 
     Returns
     -------
@@ -87,7 +90,7 @@ def demo_flights(
     truth : dict
         Response -> term -> value, the constant as "1".
     """
-    recordings = _fly(range(n), seed, duration, noise, turbulence, exact_derivatives)
+    recordings = _fly(range(n), seed, duration, noise, turbulence, exact_derivatives, augmentation)
     return recordings, demo_aircraft(), {response: dict(terms) for response, terms in TRUTH.items()}
 
 
@@ -107,10 +110,16 @@ def number_of(which: str | int) -> int:
 
 
 def _fly(
-    which: Sequence[int], seed: int, duration: float, noise: float, turbulence: float, exact: bool
+    which: Sequence[int],
+    seed: int,
+    duration: float,
+    noise: float,
+    turbulence: float,
+    exact: bool,
+    augmentation: float = 1.0,
 ) -> list[Recording]:
     aircraft = demo_aircraft()
-    flights = integrate(which, seed, duration, turbulence, aircraft)
+    flights = integrate(which, seed, duration, turbulence, aircraft, augmentation=augmentation)
     return [_record(one, seed, noise, exact, aircraft) for one in flights]
 
 
@@ -147,6 +156,7 @@ def integrate(
     *,
     wind: np.ndarray | None = None,
     steps_at: str = "within_sample",
+    augmentation: float = 1.0,
 ) -> list[SimulatedFlight]:
     """Integrate several flights at once, by Runge-Kutta steps of fourth order.
 
@@ -163,6 +173,8 @@ def integrate(
     steps_at : {"within_sample", "sample"}
         When a step of a command acts: within the integration step that ends at its sample, or from that sample on.
         Only the latter makes the states smooth between samples.
+    augmentation : float
+        As for `demo_flights`.
 
     Raises
     ------
@@ -194,14 +206,14 @@ def integrate(
         def slope(t: float, x: np.ndarray, i: int = i) -> np.ndarray:
             half = round(2.0 * t / _DT)
             acting = 2 * i + last if half == 2 * i + 2 else half
-            return _derivative(x, command[acting], gust[half], thrust, held, aircraft, drift)[0]
+            return _derivative(x, command[acting], gust[half], thrust, held, aircraft, drift, augmentation)[0]
 
         states[i + 1] = rk4(slope, states[i], i * _DT, _DT)
     # All samples of all flights in one row, for what is to be recorded.
     all_states = states.transpose(1, 0, 2).reshape(len(state), -1)
     commanded, blown = (x[::2].transpose(1, 0, 2).reshape(x.shape[1], -1) for x in (command, gust))
     thrusts, holds, drifts = (np.tile(x, samples) for x in (thrust, held, drift))
-    _, row = _derivative(all_states, commanded, blown, thrusts, holds, aircraft, drifts)
+    _, row = _derivative(all_states, commanded, blown, thrusts, holds, aircraft, drifts, augmentation)
     outputs = row.reshape(len(_OUTPUTS), samples, len(plans))
     t = np.arange(samples) * _DT
     return [
@@ -221,6 +233,7 @@ def _derivative(
     held: np.ndarray,
     aircraft: Aircraft,
     wind: np.ndarray,
+    augmentation: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Slope of the state (rigid body, then surfaces) and what is to be recorded, for m flights at once.
 
@@ -248,9 +261,9 @@ def _derivative(
     out[9:11], out[11] = path[:2], -path[2]
     # Positive control makes a negative moment, so that these gains damp and hold.
     wanted = held[12:] + command
-    wanted[0] += 0.10 * rates[1] + 0.10 * (theta - held[7])
-    wanted[1] += 0.05 * rates[0] + 0.12 * (phi - held[6])
-    wanted[2] += 0.20 * rates[2] - 0.30 * beta
+    wanted[0] += augmentation * (0.10 * rates[1] + 0.10 * (theta - held[7]))
+    wanted[1] += augmentation * (0.05 * rates[0] + 0.12 * (phi - held[6]))
+    wanted[2] += augmentation * (0.20 * rates[2] - 0.30 * beta)
     out[12:] = _ACTUATOR * (wanted - x[12:])
     return out, np.array([V, alpha, beta, *force, *turning, rho])
 
