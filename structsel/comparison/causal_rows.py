@@ -12,7 +12,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import asked_wrongly
-from structsel.comparison.tolerances import Nuisance, biases_of
+from structsel.comparison.tolerances import Nuisance, biases_of, tolerances_of
 from structsel.nomenclature import COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
@@ -29,9 +29,8 @@ DELAY = 4
 _ORDER_SPAN = 1.0  # s of its own past, that a difference is predicted from
 _FEWEST, _LARGEST = 12, 40  # samples of the same
 _ASKED = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr")
-_AHEAD = ("late", "over a step", "noise of", "the rest")
-"""Words of tolerances that are left out: rates of the motion use future samples. Timing has columns of its own."""
 _TIMED = ("de", "da", "dr", "df", "throttle", "thrust")
+_INPUTS = frozenset((*_TIMED, "gear"))
 _WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
 _RIDGE = 1e-9  # of the mean square of a residual: precision of the coefficients of the autoregression
 _DEGREES = 8.0  # of freedom, of the prior of the variances of single flights about their common value
@@ -80,6 +79,18 @@ def referred(flight: Flight, response: str, fraction: float) -> Array:
 def delayed(x: Array, samples: int) -> Array:
     """Samples (n,) or (n, k) as they stood some samples ago; the first is held."""
     return np.concatenate([np.repeat(x[:1], samples, axis=0), x[: len(x) - samples]]) if samples else x
+
+
+def with_motion_delayed(flight: Flight) -> Flight:
+    """The flight with the motion of some samples before, and the inputs of each sample."""
+
+    def late(held: Mapping[str, Array]) -> dict[str, Array]:
+        return {c: x if c in _INPUTS else delayed(x, DELAY) for c, x in held.items()}
+
+    return replace(
+        flight, channels=late(flight.channels), raw=late(flight.raw), measured=late(flight.measured),
+        simulated=late(flight.simulated), air=late(flight.air),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +148,9 @@ class CausalRows:
         self.edge = DELAY
         shortest = min(len(f) for f in flights) - 2 * self.edge
         self.order = min(int(np.clip(round(_ORDER_SPAN / dt), _FEWEST, _LARGEST)), shortest // 3)
-        kept = [n for n in nuisances if not any(word in n.name for word in _AHEAD)]
+        kept = [n for n in nuisances if not n.ahead]
         self.tolerances = kept
+        late = {n.name: n.columns for n in tolerances_of([with_motion_delayed(f) for f in flights])}
         self.y: dict[tuple[str, int], Array] = {}
         self.X: dict[tuple[str, int], Array] = {}
         self.place: dict[tuple[str, int], NDArray[np.intp]] = {}
@@ -148,10 +160,10 @@ class CausalRows:
             own = [*_own(f), *_timing(f)]
             inside = slice(self.edge, len(f) - self.edge)
             for c in self.responses:
-                shared = [k for k, n in enumerate(kept) if c in n.columns[i]]
+                shared = [k for k, n in enumerate(kept) if n.name in late and c in late[n.name][i]]
                 mine = [k for k, (_, x) in enumerate(own) if c in x]
-                columns = [delayed(kept[k].sd * kept[k].columns[i][c], self.edge) for k in shared]
-                columns += [own[k][0] * averaged(f, c, own[k][1][c]) for k in mine]
+                columns = [averaged(f, c, kept[k].sd * late[kept[k].name][i][c]) for k in shared]
+                columns += [own[k][0] * own[k][1][c] for k in mine]
                 X = np.column_stack(columns) if columns else np.zeros((len(f), 0))
                 self.X[c, i], self.y[c, i] = X[inside], referred(f, c, fraction)[inside]
                 self.place[c, i] = np.array([*shared, *(q + k for k in mine)], dtype=np.intp)

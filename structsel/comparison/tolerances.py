@@ -49,8 +49,9 @@ _JUMP, _ABOVE = 0.08, 3.0  # of a channel's span, and of the changes about it, a
 _MAX_JUMPS = 12
 _SCALED = {"alpha": 1.0, "beta": 1.0, "V": 0.5, "phi": 0.5, "theta": 0.5, "psi": 0.5}
 """Of the stated tolerance: less for an airspeed system and a gyro that holds attitude than for a vane in its upwash."""
+_SURFACES = ("de", "da", "dr")
 _SEPARATE_CLOCKS = (
-    ("V",), ("alpha",), ("beta",), ("phi", "theta", "psi"), ("p", "q", "r"), ("ax", "ay", "az"), ("de", "da", "dr"),
+    ("V",), ("alpha",), ("beta",), ("phi", "theta", "psi"), ("p", "q", "r"), ("ax", "ay", "az"), _SURFACES,
 )  # fmt: skip
 
 
@@ -74,6 +75,8 @@ class Nuisance:
         Name of the effect that it is where it is larger than the tolerance; empty where no tolerance is stated for it.
     absent : str
         Name where it deviates by more than its own value, so that the simulation has nothing of the kind.
+    ahead : bool
+        Whether its columns are made of samples of the motion that come later, as a rate is.
     """
 
     name: str
@@ -84,6 +87,7 @@ class Nuisance:
     delivered: bool = False
     effect: str = ""
     absent: str = ""
+    ahead: bool = False
 
     def scale(self, fraction: float) -> float:
         """Factor on `sd` where errors are this fraction of the stated tolerances."""
@@ -112,10 +116,11 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         factor: float = 1.0,
         least: float = 0.0,
         absent: str = "",
+        ahead: bool = False,
     ) -> None:
         sd = math.hypot(_sd(stated, key, first.aircraft.cbar) * factor, least)
         if sd > 0.0 and _acts(columns):
-            made.append(Nuisance(name, sd, unit, columns, least, least > 0.0, effect, absent))
+            made.append(Nuisance(name, sd, unit, columns, least, least > 0.0, effect, absent, ahead))
 
     for response in first.simulated:
         if response not in COEFFICIENTS:
@@ -142,7 +147,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             level,
         )
         # What the smooth states do not explain may be the noise of the states at which it was evaluated.
-        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0, True))
+        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0, True, ahead=True))
     if not set(COEFFICIENTS) & set(first.simulated):
         return made
     add("mass", "mass", "relative", [mass_columns(f) for f in flights], "mass-error")
@@ -170,10 +175,11 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         here = [c for c in channels if all(c in f.recorded for f in flights)]
         if here:
             each = [misread(f, **{c: -f.rate(reading(f, c)) for c in here}) for f in flights]
-            add(f"{', '.join(here)} late", "delay", "s", each, "sensor-delay", least=timing)
+            later = channels is not _SURFACES
+            add(f"{', '.join(here)} late", "delay", "s", each, "sensor-delay", least=timing, ahead=later)
     for group in (COEFFICIENTS[:3], COEFFICIENTS[3:]):
         each = [{c: f.rate(f.simulated[c]) for c in group if c in f.simulated} for f in flights]
-        add(f"simulated {', '.join(group)} late", "delay", "s", each, "sensor-delay", least=timing)
+        add(f"simulated {', '.join(group)} late", "delay", "s", each, "sensor-delay", least=timing, ahead=True)
     made += _held(flights, timing)
     made += _noise_asked_at(flights)
     for k, axis in enumerate("xyz"):
@@ -197,7 +203,7 @@ def _held(flights: Sequence[Flight], timing: float) -> list[Nuisance]:
     sd = 4.0 * timing**2
     names = [c for c in COEFFICIENTS if c in flights[0].simulated]
     turns = {c: [{c: f.rate(f.rate(f.simulated[c]))} for f in flights] for c in names}
-    return [Nuisance(f"{c} over a step", sd, "s^2", turns[c], sd, True) for c in names]
+    return [Nuisance(f"{c} over a step", sd, "s^2", turns[c], sd, True, ahead=True) for c in names]
 
 
 def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
@@ -211,7 +217,7 @@ def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
             noise = [f.raw[c] - f.air.get(c, f.channels[c]) for f in flights]
             each = [{r: a * x for r, a in asked_wrongly(f, c).items()} for f, x in zip(flights, noise)]
             if _acts(each):
-                made.append(Nuisance(f"noise of {c}", 1.0, "relative", each, 1.0, True))
+                made.append(Nuisance(f"noise of {c}", 1.0, "relative", each, 1.0, True, ahead=True))
     return made
 
 
@@ -225,8 +231,16 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
     made: list[tuple[str, float, Mapping[str, Array]]] = []
     made += ((c, sd, x) for c, sd in sizes.items() if c in flight.recorded for x in _biased(flight, c))
     for c in _JUMPING:
-        made += ((f"when {c} jumps", _WITHIN_SAMPLE, misread(flight, **{c: jump})) for jump in _jumps(flight, c))
+        made += ((f"when {c} jumps", _WITHIN_SAMPLE, _jumped(flight, c, jump)) for jump in _jumps(flight, c))
     return made
+
+
+def _jumped(flight: Flight, channel: str, jump: Array) -> dict[str, Array]:
+    """What a jump that came one sampling interval later does: from then on, a moment's integral lacks that interval."""
+    return {
+        c: flight.rate(np.cumsum(x) * flight.dt) if c in MOMENT_COEFFICIENTS else x
+        for c, x in misread(flight, **{channel: jump}).items()
+    }
 
 
 def _biased(flight: Flight, channel: str) -> list[Mapping[str, Array]]:
