@@ -44,7 +44,7 @@ def collect(folder: Path, name: str) -> list[dict]:
     missing = [set(e.accept) for e in key.effects]
     motion = InputDrivenMotion.of(problem.flights)
     while len(rounds) <= len(key.effects):
-        scored = weigh(problem, motion.bear_out(problem, score_all(problem, library)))
+        scored = [w for w in weigh(problem, motion.bear_out(problem, score_all(problem, library))) if w.lowers]
         right = [any(w.effect in e for e in missing) for w in scored]
         rows = [
             {"effect": w.effect, "right": r, "features": [float(x) for x in w.features]} for w, r in zip(scored, right)

@@ -8,16 +8,20 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
+import structsel as ss
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.causal_rows import CausalRows, averaged, evaluated_at_readings, referred
-from structsel.comparison.tolerances import Nuisance, tolerances_of
+from structsel.comparison.preparing import prepare
+from structsel.comparison.sensitivity import misread
+from structsel.comparison.tolerances import Nuisance, _jumped, tolerances_of
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.detection import Detection, detect
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded
-from structsel.diagnosis.ranking import Ranking
+from structsel.diagnosis.ranking import Ranking, with_detection
 from structsel.diagnosis.result import Event
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.unnamed import detected
+from structsel.diagnosis.weighing import FEATURES, Weighed, nats
 from tests.benchmark_modules import load_benchmark
 from tests.models import model_of
 from tests.noisy_flights import AIRCRAFT, TRUTH, flights_with, fly, ready, tried
@@ -43,6 +47,32 @@ def test_a_missing_quadratic_term_is_detected_in_its_response(bent):
 
 def test_a_correct_simulation_is_not_a_mismatch(correct):
     assert detect(correct, Bench.set_up(correct, ())).probability < 0.05
+
+
+def test_control_derivatives_within_tolerance_are_no_mismatch_where_surfaces_step():
+    # Were the columns of the derivatives late, the differences right after each step would need other physics.
+    recordings, aircraft, truth = ss.demo_flights(4, 3, turbulence=0.0)
+    stated = {("Cl", "da"): 0.93, ("Cm", "de"): 0.93, ("Cn", "dr"): 0.93}
+    for (response, term), factor in stated.items():
+        truth[response][term] *= factor
+    flights = prepare(model_of(truth), recordings, aircraft).flights
+    rows = CausalRows(flights, tolerances_of(flights))
+    null = rows.null()
+    std = dict(zip((n.name for n in rows.tolerances), zip(null.mean, np.sqrt(np.diag(null.covariance)))))
+    for (response, term), factor in stated.items():
+        mean, error = (0.05 * x for x in std[f"{response}: {term}"])
+        assert abs(mean - (1.0 / factor - 1.0)) < 3.0 * error
+    found = detect(flights, Bench.set_up(flights, ()))
+    assert max(found.remainder.values()) < 0.0
+
+
+def test_a_surface_that_jumped_within_a_sample_shows_in_moments_from_that_sample_on(correct):
+    f = correct[0]
+    jump = np.where(np.arange(len(f)) == 200, 0.1, 0.0)
+    columns = _jumped(f, "de", jump)
+    lacking = np.where(np.arange(len(f)) >= 200, 0.1 * f.dt, 0.0)
+    assert_allclose(columns["Cm"], f.rate(lacking) * misread(f, de=1.0)["Cm"][200], rtol=0.02, atol=1e-9)
+    assert_allclose(columns["CZ"], misread(f, de=jump)["CZ"])
 
 
 def test_rounding_of_the_samples_does_not_matter(bent):
@@ -97,7 +127,12 @@ def test_rows_are_white(correct):
 def unsure(bent):
     problem, library = tried(bent, "missing-term")
     scores = tuple(score_all(problem, library))
-    return Ranking(problem, (), scores, None, (("nothing", 0.6), ("missing-term", 0.4)), scores)
+
+    def ranking(seen, weighed=()):
+        p = with_detection({"nothing": 0.6, "missing-term": 0.4}, seen, weighed, {"missing-term"})
+        return Ranking(problem, (), scores, None, tuple(p.items()), scores, seen)
+
+    return ranking
 
 
 def detection(log_bayes, *tolerances):
@@ -109,7 +144,7 @@ def mass(log_bayes):
 
 
 def test_names_share_the_probability_of_what_was_detected(unsure):
-    (finding,) = detected(detection(300.0), unsure, ("CZ", "Cl"))
+    (finding,) = detected(unsure(detection(300.0)), ("CZ", "Cl"))
     chances = {p.effect: p.probability for p in finding.physics}
     assert_allclose(finding.probability, 1.0, atol=1e-6)
     assert_allclose([chances["unknown"], chances["missing-term"]], [0.6, 0.4], atol=1e-6)
@@ -118,8 +153,20 @@ def test_names_share_the_probability_of_what_was_detected(unsure):
     assert finding.to_dict()["probability"] == 1.0
 
 
+def test_an_effect_with_as_much_evidence_as_what_was_detected_shares_what_is_unknown(unsure):
+    weighed = Weighed(unsure(detection(0.0)).others[0], np.zeros(len(FEATURES)))
+    evidence = nats(weighed.score)
+    for above, share in ((0.0, 0.5), (50.0, 0.0), (-50.0, 1.0)):
+        seen = detection(0.0)
+        seen = replace(seen, remainder={"CZ": 0.0, "Cl": evidence + above - seen.log_bayes})
+        seen = replace(seen, remainder={"CZ": 0.0, "Cl": seen.remainder["Cl"] + evidence + above - seen.log_bayes})
+        p = with_detection({"nothing": 1.0, "missing-term": 0.0}, seen, [weighed], {"missing-term"})
+        assert_allclose(p["missing-term"] / (1.0 - p["nothing"]), share, atol=0.01)
+        assert_allclose(sum(p.values()), 1.0)
+
+
 def test_what_is_not_detected_is_no_finding(unsure):
-    assert detected(detection(10.0), unsure, ("CZ", "Cl")) == []
+    assert detected(unsure(detection(10.0)), ("CZ", "Cl")) == []
 
 
 def test_the_sentence_says_what_shows_the_mismatch():
@@ -130,19 +177,19 @@ def test_the_sentence_says_what_shows_the_mismatch():
 
 
 def test_a_tolerance_exceeded_is_named_by_its_effect_and_unknown_has_what_others_exceed(unsure):
-    (finding,) = detected(detection(0.0, mass(30.0)), unsure, ("CZ", "Cl"))
+    (finding,) = detected(unsure(detection(0.0, mass(30.0))), ("CZ", "Cl"))
     chances = {p.effect: p.probability for p in finding.physics}
     # 0.4 as before, and of the rest 0.75 that the mass alone is exceeded.
-    assert_allclose([chances["missing-term"], chances["unknown"]], [0.4 + 0.6 * 0.75, 0.6 * 0.25], atol=1e-4)
+    assert_allclose([chances["missing-term"], chances["unknown"]], [0.4 + 0.6 * 0.75, 0.6 * 0.25], atol=2e-3)
     assert finding.physics[0].parameters["mass"].value == pytest.approx(0.06)
-    assert detected(detection(0.0, mass(0.0)), unsure, ("CZ", "Cl")) == []
+    assert detected(unsure(detection(0.0, mass(0.0))), ("CZ", "Cl")) == []
 
 
 def test_the_event_is_written_with_its_time(unsure):
     step = Detection((), {"CZ": 0.0, "Cl": 0.0}, [(200.0, Event("m02", 12.5, 0.3, "step"))])
-    (finding,) = detected(step, unsure, ("CZ", "Cl"))
+    (finding,) = detected(unsure(step), ("CZ", "Cl"))
     assert finding.to_dict()["where"]["events"] == [{"recording": "m02", "t": 12.5, "std": 0.3, "shape": "step"}]
-    assert replace(step, tolerances=(mass(90.0),)).event == ()
+    assert replace(step, tolerances=(mass(300.0),)).event == ()
 
 
 def test_the_evidence_of_an_exceeded_tolerance_is_that_of_the_wider_prior():
@@ -184,7 +231,7 @@ def test_evidence_of_recorded_motion_does_not_count_where_what_is_left_is_no_whi
     flights = flights_with({"Cm": {"de": 1.4 * TRUTH["Cm"]["de"]}}, **SPEEDS)
     bench = Bench.set_up(flights, ())
     calm = exceeded_as_recorded(bench)[0]
-    monkeypatch.setattr("structsel.diagnosis.exceeded.coloured_shares", lambda *_: {"CX": 0.2, "CZ": 0.98})
+    monkeypatch.setattr("structsel.diagnosis.residuals.coloured_fractions", lambda *_: {"CX": 0.2, "CZ": 0.98})
     rough = {one.tolerance.name: one.log_bayes for one in exceeded_as_recorded(bench)}
     assert calm.log_odds > 3.0
     assert rough[calm.tolerance.name] < 0.1 * calm.log_bayes

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from structsel.diagnosis import ranking
+from structsel.diagnosis import ranking, weighing
 from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.diagnose import drowned
@@ -25,6 +25,8 @@ def test_an_effect_in_several_places_is_one_hypothesis(monkeypatch):
         left = iter(effects)
         monkeypatch.setattr(ranking, "score_all", lambda *_: [])
         monkeypatch.setattr(ranking, "weigh", lambda *_: [likely(next(left))])
+        monkeypatch.setattr(ranking, "first_chances", lambda weighed, _: weighing.chances(weighed))
+        monkeypatch.setattr(ranking, "white_share", lambda _: 0.0)
         plant = SimpleNamespace(channels={})
         problem = SimpleNamespace(accepted=(), flights=(plant,), taking=lambda *_: problem)
         return len(rank(problem, Library((), {})).steps)

@@ -1,5 +1,6 @@
 """Probabilities of effects: the formula, the weights of the evidence, and the fit of the weights."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +11,8 @@ from statsmodels.discrete.conditional_models import ConditionalLogit
 
 from proof import calibrate
 from structsel.diagnosis import judging, scoring, weighing
-from structsel.diagnosis.assembling import Member, jackknifed, shares
+from structsel.diagnosis.assembling import Member, shares
+from structsel.diagnosis.weighing import jackknifed
 from structsel.effects.base import EffectParameter
 from structsel.numerics.evidence import Trial
 
@@ -27,6 +29,40 @@ def test_probabilities_are_a_softmax_with_nothing_among_the_choices():
     p = weighing.chances([weighing.Weighed(asked(), row) for row in x])
     assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING_UNASKED + x @ weighing.WEIGHTS_UNASKED)]))
     assert weighing.chances([]) == pytest.approx([1.0])
+
+
+def scored(with_effect, delivered, kind="atmospheric"):
+    """An effect with its log Bayes factors beside tolerances, and as delivered."""
+    return SimpleNamespace(
+        event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect, driven=None, whole=0.0,
+        hypothesis=SimpleNamespace(log_prior=0.0, kind=kind), trial=SimpleNamespace(at_scales=[delivered]),
+    )  # fmt: skip
+
+
+def test_a_mismatch_that_two_effects_explain_alike_is_as_probable_as_with_one():
+    x = np.zeros(len(weighing.FEATURES))
+    x[weighing.FEATURES.index("takes")] = 1.0
+    x[weighing.FEATURES.index("takes there")] = 1.0
+    one = weighing.Weighed(scored(900.0, 900.0), x)
+    alone, pair = weighing.first_chances([one], 0.0), weighing.first_chances([one, one], 0.0)
+    assert alone[0] < 0.2
+    assert pair == pytest.approx([alone[0], 0.5 * alone[1], 0.5 * alone[1]])
+    unconfirmed = weighing.Weighed(scored(900.0, 900.0, "static"), x)  # its rivals count against it
+    assert unconfirmed.unrivalled == unconfirmed.log_odds
+
+
+def test_evidence_counts_as_far_as_what_is_left_is_white_noise():
+    one = weighing.Weighed(scored(100.0, 0.0), np.zeros(len(weighing.FEATURES)))
+    p = [weighing.first_chances([one], white)[1] for white in (0.0, 0.32, 1.0)]
+    assert p[0] < 0.1
+    assert p[1:] == pytest.approx([0.5, 1.0], abs=1e-6)
+    assert weighing.first_chances([], 1.0) == pytest.approx([1.0])
+
+
+def test_an_effect_whose_size_no_two_flights_agree_on_is_not_probable():
+    one = weighing.Weighed(scored(0.0, 9e9), np.full(len(weighing.FEATURES), 9.0))
+    assert weighing.first_chances([one], 0.0)[1] > 0.99
+    assert weighing.first_chances([replace(one, most=-2.0)], 0.0)[1] == pytest.approx(1.0 / (1.0 + np.exp(2.0)))
 
 
 def test_a_feature_in_favour_of_an_effect_has_a_positive_weight():

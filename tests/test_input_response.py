@@ -8,11 +8,11 @@ import pytest
 
 from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_coefficients
-from structsel.comparison.driving import driven
+from structsel.comparison.driving import input_responses
 from structsel.comparison.locating.turbulence import turbulence_without_vanes
 from structsel.diagnosis.driven import InputDrivenMotion
+from structsel.diagnosis.residuals import residuals
 from structsel.diagnosis.scoring import score_all
-from structsel.diagnosis.tracing import residuals
 from structsel.diagnosis.weighing import alone, nats, not_borne_out, with_whole
 from structsel.numerics.air_data import air_data, body_to_earth
 from structsel.recording import Recording
@@ -57,8 +57,8 @@ def alike(flights, gusts, channel, lags=40):
 
 def test_the_response_to_the_inputs_does_not_follow_the_gusts():
     flights, gusts = blown()
-    moved = driven(flights)
-    by_probability = alike(driven(blown(0.0)[0]), gusts, "alpha")
+    moved = input_responses(flights)
+    by_probability = alike(input_responses(blown(0.0)[0]), gusts, "alpha")
     assert alike(flights, gusts, "alpha") > 0.3
     assert alike(moved, gusts, "alpha") < by_probability + 0.1
     for f, g in zip(flights, moved):
@@ -130,5 +130,5 @@ def test_a_motion_without_recorded_inputs_is_not_predicted():
 
 def test_flights_without_inputs_are_left_as_they_are():
     flights = [replace(f, recorded=f.recorded - {"de", "da", "dr", "thrust"}) for f in blown(0.0)[0]]
-    assert driven(flights) == ()
+    assert input_responses(flights) == ()
     assert InputDrivenMotion.of(flights).foretold == (False, False)

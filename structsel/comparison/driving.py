@@ -55,9 +55,6 @@ def input_responses(flights: Sequence[Flight]) -> tuple[Flight, ...]:
     return tuple(_moving(f, dict(zip(AIRFRAME, (x @ filters).T))) for f, x in zip(flights, X))
 
 
-driven = input_responses  # its name in the diagnosis
-
-
 def _past(f: Flight, inputs: Sequence[str]) -> Array:
     """(n, k) inputs seen through hats over their past, and summed up; about their means."""
     at = np.arange(round(_PAST[-1] / f.dt) + 1) * f.dt

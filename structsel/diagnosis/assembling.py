@@ -8,15 +8,15 @@ from itertools import permutations
 
 import numpy as np
 
-from structsel.comparison.flight import Flight
 from structsel.comparison.locating.region import find_region
 from structsel.comparison.locating.windows import find_intervals
 from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.ranking import TIED, Ranking, Step
+from structsel.diagnosis.residuals import contributions
 from structsel.diagnosis.result import UNNAMED, Bars, EffectFinding, Physics
 from structsel.diagnosis.scoring import EffectScore
-from structsel.diagnosis.weighing import SLIGHT, told_by
+from structsel.diagnosis.weighing import SLIGHT, jackknifed, told_by
 from structsel.effects.base import FittedEffect, ParameterEstimate, Variant
 from structsel.numerics.arrays import Array
 
@@ -57,43 +57,24 @@ def gather(ranking: Ranking) -> list[Member]:
     return [Member(tuple(ranking.steps[k] for k in each), tuple(each)) for each in groups.values()]
 
 
-def contribution(flight: Flight, variant: Variant, theta: Array) -> dict[str, Array]:
-    """What a variant adds to the differences of one flight, parameters in their units."""
-    return {c: (x if x.ndim == 2 else x[:, None]) @ theta for c, x in variant.columns(flight).items()}
+def shares(bench: Bench, members: Sequence[Member]) -> list[float]:
+    """Part of the mismatch that each finding carries: its mean gain over all orders of taking them in.
 
-
-def contributions(bench: Bench, places: Sequence[int]) -> list[dict[str, Array]]:
-    """What some of the effects taken in add to the differences, per flight."""
-    made: list[dict[str, Array]] = []
-    for f in bench.flights:
-        total: dict[str, Array] = {}
-        for k in places:
-            variant = bench.accepted[k].variant
-            theta = bench.base.posterior.mean[bench.place(k)] * np.array([p.sd for p in variant.parameters])
-            for c, x in contribution(f, variant, theta).items():
-                total[c] = total.get(c, 0.0) + x
-        made.append({c: np.asarray(x) for c, x in total.items() if c in bench.responses})
-    return made
-
-
-def shares(plain: Bench, members: Sequence[Member]) -> list[float]:
-    """Part of the mismatch as delivered that each finding carries: its mean gain over all orders of taking them in.
-
-    The gain is in the sum of squares of each response that is judged, as a share of what there is of it as delivered,
-    with tolerances held at zero.
+    The gain is in the sum of squares of each response that is judged, as a share of what tolerances leave of it: what
+    they explain is no mismatch.
 
     Parameters
     ----------
-    plain : Bench
-        As delivered.
+    bench : Bench
+        With all of them taken in.
     members : sequence of Member
     """
     known: dict[frozenset[int], Array] = {}
 
     def left(taken: frozenset[int]) -> Array:
         if taken not in known:
-            rest = plain.keeping([k for i in sorted(taken) for k in members[i].places]).left_in
-            known[taken] = np.array([sum(float(np.sum(e[r.part(c)] ** 2)) for r, e in rest) for c in plain.told])
+            rest = bench.keeping([k for i in sorted(taken) for k in members[i].places]).left_in
+            known[taken] = np.array([sum(float(np.sum(e[r.part(c)] ** 2)) for r, e in rest) for c in bench.told])
         return known[taken]
 
     made = np.zeros(len(members))
@@ -145,12 +126,6 @@ def estimates(bench: Bench, k: int, score: EffectScore) -> dict[str, ParameterEs
     return made
 
 
-def jackknifed(without: Array) -> Array:
-    """Standard error of estimates (groups, k) found with each group of flights left out, by how far these disagree."""
-    groups = len(without)
-    return np.sqrt((groups - 1) * without.var(axis=0)) if groups > 1 else np.zeros(without.shape[1])
-
-
 def found_by(score: EffectScore) -> FittedEffect:
     """A rival as it stood when it was tried."""
     variant, trial = score.signature.variant, score.trial
@@ -188,7 +163,7 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Ef
     if not members:
         return []
     plain = bench.as_delivered
-    carried = shares(plain, members)
+    carried = shares(bench, members)
     order = np.argsort(carried)[::-1]
     total = sum(carried)
     told = bench.told
@@ -273,6 +248,8 @@ def _physics(bench: Bench, member: Member) -> tuple[tuple[Physics, ...], tuple[s
             found = found_by(score)
             says_too = score.hypothesis.says(found)
             rivals.append(Physics(score.effect, p, says_too, found.estimates, score.signature.variant.terms))
+    if chances.get(UNNAMED, 0.0) >= 0.005:
+        rivals.append(Physics(UNNAMED, chances[UNNAMED], "Something that none of them explains."))
     rivals = sorted(rivals, key=lambda p: -p.probability)[: _RIVALS - 1]
     ties = [
         e
@@ -303,9 +280,10 @@ def _doubted(physics: Sequence[Physics], stays: float, axes: Sequence[str]) -> t
     """Explanations of what they leave much of, and that it may be something else; likeliest first."""
     lost = min(stays, _MOST_LOST)
     says = f"It leaves {stays:.0%} of what lies beyond the noise in {', '.join(axes)}."
-    known = [replace(one, probability=(1.0 - lost) * one.probability) for one in physics]
+    known = [replace(one, probability=(1.0 - lost) * one.probability) for one in physics if one.effect != UNNAMED]
     known[0] = replace(known[0], says=f"{known[0].says} {says}")
-    other = Physics(UNNAMED, lost * sum(one.probability for one in physics), "Something that none of them explains.")
+    whole = sum(one.probability for one in physics)
+    other = Physics(UNNAMED, whole - sum(one.probability for one in known), "Something that none of them explains.")
     return known[0], *sorted([other, *known[1:]], key=lambda one: -one.probability)
 
 

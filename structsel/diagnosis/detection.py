@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,15 +31,17 @@ _DELAYS = (0.15, 0.4, 1.0)  # s
 _ORDERS = 4  # cosines over the range of a channel
 _SIZES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0])
 """Sizes of an unknown function of the channels, of the rms by which the simulated response varies."""
-_FORM, _IDENTIFIED = 0.015, 0.03
+_FORM, _IDENTIFIED = 0.015, 0.05
 """Of these, what the form of a simulation leaves within tolerance: of one that states coefficients, and of one whose
 coefficients were identified from its own flights (`form` in the design)."""
 _EVENT_SIZES = np.geomspace(0.02, 2.0, 5)  # the same
 _PRIOR = {"remainder": 0.64, "event": 0.36}
 """Prior probabilities of the kinds of mismatch that are no tolerance exceeded, where there is one."""
-_EVEN, _SCALE = 60.0, 10.0
-"""Log Bayes factor at which such a mismatch is as probable as none, and its scale. The largest of the correct
-simulations in calm air is 39 (generators of the proof, development seeds from 61200); in turbulence several hundred."""
+_EVEN = {"remainder": (35.0, 5.0), "event": (60.0, 10.0)}
+"""Log Bayes factor at which each is as probable as none, and its scale. In correct simulations in calm air (24, of the
+proof's generators, development seeds from 71000) the largest remainder is 22 and the largest event of a flight 17;
+events of several flights add up, and turbulence that no vane feels makes them in all."""
+SCALE = 5.0  # of log Bayes factors of different kinds of causes, that are compared
 _SHOWN = 0.15  # of the largest log Bayes factor of a response, that another must have to be listed
 
 
@@ -83,7 +85,8 @@ class Detection:
     def log_odds(self) -> tuple[float, float]:
         """Log odds of a tolerance exceeded, and of any other mismatch."""
         first = self.tolerances[0].log_odds if self.tolerances else -np.inf
-        return first, (self.log_bayes - _EVEN) / _SCALE
+        each = [(x - _EVEN[k][0]) / _EVEN[k][1] + np.log(_PRIOR[k]) for k, x in self.parts.items()]
+        return first, float(np.logaddexp(*each))
 
     @property
     def probability(self) -> float:
@@ -92,18 +95,27 @@ class Detection:
 
     @property
     def shares(self) -> list[float]:
-        """Of each tolerance that may be exceeded: probability that it is the cause, and alone, where there is one."""
-        if not self.tolerances:
-            return []
-        first, other = self.log_odds
-        each = scipy.special.softmax([one.log_bayes for one in self.tolerances])
-        return [float(scipy.special.expit(first - other) * e * one.alone) for e, one in zip(each, self.tolerances)]
+        """Of each tolerance that may be exceeded: probability that it is the cause, and alone, where one of them is."""
+        each = scipy.special.softmax([one.log_bayes for one in self.tolerances]) if self.tolerances else ()
+        return [float(e * one.alone) for e, one in zip(each, self.tolerances)]
+
+    def by_effect(self, named: Collection[str]) -> dict[str, float]:
+        """Shares of the effects that exceeded tolerances are, of those that may be named."""
+        made: dict[str, float] = {}
+        for share, one in zip(self.shares, self.tolerances):
+            if one.effect in named:
+                made[one.effect] = made.get(one.effect, 0.0) + share
+        return made
+
+    @property
+    def is_tolerance(self) -> bool:
+        """Whether a tolerance exceeded has more evidence than the other kinds of mismatch."""
+        return bool(self.tolerances) and self.tolerances[0].log_bayes > self.log_bayes
 
     @property
     def says(self) -> str:
         """One plain sentence."""
-        first, other = self.log_odds
-        if first > other:
+        if self.is_tolerance:
             return f"Tolerances are exceeded, this one above all: {self.tolerances[0].says}"
         size = f"log Bayes factor {self.log_bayes:.0f}"
         if self.event:
@@ -119,8 +131,7 @@ class Detection:
     @property
     def event(self) -> tuple[Event, ...]:
         """The most probable event, where one is more probable than the other kinds of mismatch."""
-        tolerance, other = self.log_odds
-        if tolerance > other or self.parts["event"] < self.parts["remainder"]:
+        if self.is_tolerance or self.parts["event"] < self.parts["remainder"]:
             return ()
         return (max(self.events, key=lambda one: one[0])[1],)
 

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.ceiling import explainable
-from structsel.comparison.locating.turbulence import TurbulenceEstimate, find_turbulence, unfelt
+from structsel.comparison.locating.turbulence import TurbulenceEstimate, find_turbulence, turbulence_without_vanes
 from structsel.comparison.preparing import PreparedComparison, prepare
 from structsel.comparison.simulations import require_simulation
 from structsel.comparison.tolerances import Nuisance
@@ -24,12 +24,14 @@ from structsel.diagnosis import judging
 from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.bench import Bench
-from structsel.diagnosis.detection import detect
+from structsel.diagnosis.detection import Detection, detect
 from structsel.diagnosis.ranking import Ranking, rank
+from structsel.diagnosis.residuals import residuals
 from structsel.diagnosis.result import Diagnosis, Pull, Verdict
+from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.selftest import self_test
 from structsel.diagnosis.signatures import Library, work_out
-from structsel.diagnosis.tracing import residuals, traces_of
+from structsel.diagnosis.tracing import traces_of
 from structsel.diagnosis.unnamed import detected, find_unknown, turbulent
 from structsel.diagnosis.weighing import not_borne_out
 from structsel.effects import EFFECTS, Effect
@@ -138,20 +140,24 @@ def conclude(
             f"there is one manoeuvre only: it was judged by its {len(flights)} parts, which share its conditions. What "
             "is found may hold here alone; a second manoeuvre would show"
         )
-    ranking = rank(bench, library, progress)
+
+    def ask(scores: Sequence[EffectScore]) -> Detection | None:
+        """A mismatch of any kind, in calm air: in rough air the differences move the aircraft."""
+        nonlocal turbulence
+        if turbulence is None:
+            turbulence = turbulence_without_vanes(flights, residuals(bench), not_borne_out(scores))
+        return None if turbulence is not None else detect(flights, bench, prepared.simulation.form == "free")
+
+    ranking = rank(bench, library, progress, ask)
     # The learners take a second, and a simulation that lacks nothing does not need them.
     ceiling = cache(lambda: explainable(flights, [{c: f.difference[c] for c in told} for f in flights]))
     traces = traces_of(ranking)
     left = residuals(ranking.bench)
     findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling() if ranking.steps else {})]
-    considered, seen = 1.0 - dict(ranking.considered)["nothing"], None
-    if turbulence is None and not findings:
-        turbulence = unfelt(flights, left, not_borne_out(ranking.scores))
     if turbulence is None:
         findings += find_unknown(ranking, left, told, ceiling, bool(findings))
-        if not findings and (seen := detect(flights, bench, prepared.simulation.form == "free")):
-            findings += detected(seen, ranking, told)
-            considered += (1.0 - considered) * seen.probability
+        if not findings:
+            findings += detected(ranking, told)
     verdict: Verdict = "mismatch" if findings else "consistent"
     if single and findings:
         verdict = "undecidable"
@@ -163,8 +169,8 @@ def conclude(
     corrected = corrected_model(prepared, ranking) if ranking.steps else None
     remarks += corrected.remarks if corrected is not None else ()
     # Where gusts push the aircraft about, tolerances are pulled by what follows its motion; not by what inputs drive.
-    if seen is not None and not findings:
-        pulls = _pulls(seen.deviations)
+    if ranking.detection is not None and not findings:
+        pulls = _pulls(ranking.detection.deviations)
     else:
         judged = (turbulence and ranking.driven) or ranking.bench
         pulls = _pulls(zip(judged.nuisances, *judged.pulled))
@@ -185,7 +191,7 @@ def conclude(
         traces,
         self_test(ranking.start, library),
         replayed=replayed,
-        considered=considered,
+        considered=1.0 - dict(ranking.considered)["nothing"],
         levels=_levels(ranking.bench, told),
     )
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from structsel.comparison.driving import driven
+from structsel.comparison.driving import input_responses
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.scoring import EffectScore, judged_by, score_all
@@ -42,7 +42,7 @@ class InputDrivenMotion:
     @classmethod
     def of(cls, flights: Sequence[Flight]) -> InputDrivenMotion:
         """Of flights as recorded."""
-        moved = driven(flights) if set(AIRFRAME) <= set(flights[0].channels) else ()
+        moved = input_responses(flights) if set(AIRFRAME) <= set(flights[0].channels) else ()
         if not moved:
             return cls((), (False, False))
         ahead, aside = (any(_share(flights, moved, c) > _FORETOLD for c in motion) for motion in _MOTIONS)

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from structsel.comparison.locating.turbulence import coloured_shares
 from structsel.comparison.tolerances import Nuisance
 from structsel.diagnosis.bench import Bench
-from structsel.diagnosis.tracing import residuals
+from structsel.diagnosis.residuals import white_share
 from structsel.effects.base import ParameterEstimate
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import wider_priors
@@ -146,8 +145,7 @@ def exceeded_as_recorded(bench: Bench, form: Mapping[str, float] | None = None) 
     base = bench.base
     scale = np.ones(len(base.posterior.mean))
     scale[:k] = base.scales[base.chosen][:k]
-    worth = 1.0 - max(coloured_shares(bench.flights, residuals(bench)).values(), default=0.0)
-    return exceeded(bench.nuisances, base.posterior.mean, base.posterior.covariance, scale, worth, form)
+    return exceeded(bench.nuisances, base.posterior.mean, base.posterior.covariance, scale, white_share(bench), form)
 
 
 def _log_bayes(mean: Array, variance: Array, scale: Array) -> Array:

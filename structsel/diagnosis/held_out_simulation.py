@@ -17,10 +17,10 @@ from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.noise import edge_of
 from structsel.comparison.responses import respond
 from structsel.diagnosis import judging
-from structsel.diagnosis.assembling import contribution
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.held_out_result import ChannelScores, ExampleWindows, HeldOutSimulation, WindowScore
 from structsel.diagnosis.ranking import Ranking
+from structsel.diagnosis.residuals import contribution
 from structsel.errors import DomainError
 from structsel.metrics import compute_metrics, rms_error
 from structsel.nomenclature import COEFFICIENTS, unit_of

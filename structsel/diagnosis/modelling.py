@@ -8,10 +8,11 @@ import numpy as np
 
 from structsel.comparison.preparing import PreparedComparison
 from structsel.diagnosis.adding import addition_of
-from structsel.diagnosis.assembling import contributions, estimates
+from structsel.diagnosis.assembling import estimates
 from structsel.diagnosis.extending import Extended, as_models
 from structsel.diagnosis.patching import Patched, patched_aircraft
 from structsel.diagnosis.ranking import Ranking
+from structsel.diagnosis.residuals import contributions
 from structsel.effects.base import ModelCase
 from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS

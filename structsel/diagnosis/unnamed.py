@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,8 +10,6 @@ from structsel.comparison.locating.ceiling import explainable
 from structsel.comparison.locating.turbulence import TurbulenceEstimate
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import found_by
-from structsel.diagnosis.detection import Detection
-from structsel.diagnosis.exceeded import ExceededTolerance
 from structsel.diagnosis.ranking import NAMED, TIED, Ranking
 from structsel.diagnosis.result import UNNAMED, Bars, EffectFinding, Physics
 from structsel.numerics.arrays import Array
@@ -69,44 +66,29 @@ def find_unknown(
     return [EffectFinding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
 
 
-def detected(detection: Detection, ranking: Ranking, told: Sequence[str]) -> list[EffectFinding]:
-    """A mismatch that the prediction errors show where no effect is probable enough to be named.
-
-    What was the probability of "nothing" among the effects in question is then, as far as a mismatch is detected, that
-    of tolerances exceeded and of an unknown cause. The effects keep their probabilities.
+def detected(ranking: Ranking, told: Sequence[str]) -> list[EffectFinding]:
+    """A mismatch that the prediction errors show, where no effect is the most probable cause.
 
     Parameters
     ----------
-    detection : Detection
     ranking : Ranking
+        With the probabilities of what was detected.
     told : sequence of str
         Responses that are judged.
     """
-    chances = dict(ranking.considered)
-    beyond = chances["nothing"] * detection.probability
-    if 1.0 - chances["nothing"] + beyond < NAMED:
+    chances, detection = dict(ranking.considered), ranking.detection
+    if detection is None or 1.0 - chances["nothing"] < NAMED:
         return []
-    named = {s.hypothesis.name for s in ranking.scores}
-    by_effect: dict[str, list[tuple[float, ExceededTolerance]]] = {}
-    for share, one in zip(detection.shares, detection.tolerances):
-        if one.effect in named:
-            by_effect.setdefault(one.effect, []).append((beyond * share, one))
-    names = {
-        e: Physics(e, sum(p for p, _ in each), each[0][1].says, {x.tolerance.name: x.estimate for _, x in each[:1]})
-        for e, each in by_effect.items()
-    }
-    unknown = beyond - sum(p.probability for p in names.values())
+    by_effect = detection.by_effect({s.effect for s in ranking.scores})
+    physics = [Physics(UNNAMED, chances[UNNAMED], f"Something that no single effect explains well. {detection.says}")]
     for score in ranking.others:
-        before = names.get(score.effect)
-        total = chances[score.effect] + (0.0 if before is None else before.probability)
-        if before is None or before.probability < chances[score.effect]:
+        if score.effect not in by_effect and chances[score.effect] >= _LEAST:
             found = found_by(score)
-            names[score.effect] = Physics(score.effect, total, score.hypothesis.says(found), found.estimates)
-        else:
-            names[score.effect] = replace(before, probability=total)
-    other = Physics(UNNAMED, unknown, f"Something that no single effect explains well. {detection.says}")
-    listed = [p for p in names.values() if p.probability >= _LEAST]
-    physics = sorted([other, *listed], key=lambda one: -one.probability)
+            physics.append(Physics(score.effect, chances[score.effect], score.hypothesis.says(found), found.estimates))
+    for effect in (e for e in by_effect if chances[e] >= _LEAST):
+        one = next(x for x in detection.tolerances if x.effect == effect)
+        physics.append(Physics(effect, chances[effect], one.says, {one.tolerance.name: one.estimate}))
+    physics.sort(key=lambda one: -one.probability)
     ties = tuple(p.effect for p in physics[1:4] if p.probability > TIED * physics[0].probability)
     bench = ranking.bench
     axes = tuple(c for c in detection.axes if c in told) or tuple(told[:1])
@@ -114,7 +96,7 @@ def detected(detection: Detection, ranking: Ranking, told: Sequence[str]) -> lis
     after = judging.refitted(judging.as_delivered(bench), judging.held_out(bench))
     fits.append(judging.fit(judging.measured(bench), after, axes))
     bars = {c: Bars(fits[0][c], fits[1][c], fits[1][c]) for c in axes if c in fits[1]}
-    kinds = {s.hypothesis.name: s.hypothesis.kind for s in ranking.scores}
+    kinds = {s.effect: s.hypothesis.kind for s in ranking.scores}
     kind = kinds.get(physics[0].effect, "unknown")
     nan = float("nan")
     return [EffectFinding(axes, kind, tuple(physics), {}, {}, ties, "", bars, nan, 0.0, 0.0, events=detection.event)]

@@ -53,6 +53,13 @@ behind : its nats less those of the best in question, over ten or a fiftieth of 
 NOTHING = -5.052
 WEIGHTS = np.array([2.556, 0.038, 3.187, 1.785, 1.923, 0.201, -2.141, 0.653, 0.520, 0.611])
 """From development cases, by the logit of `proof/calibrate.py` (docs/decisions/0012-naming-an-effect.md)."""
+UNRIVALLED = 1.0
+"""Log odds that an effect loses where it is compared with nothing only: what it is ahead of rivals is then in full."""
+_EVEN, _SCALE = 32.0, 3.0
+"""Nats, times the share of white noise in what is left of the forces, at which an effect is as probably there as not,
+whatever little of the differences it takes; and their scale. Correct simulations in calm air have at most 26
+(34 of the proof's generators, development seeds from 71000)."""
+_AGREED = 2.0  # nats that the size of an effect must bring on all flights alike, to be as probable as nothing
 NOTHING_UNASKED = -6.031
 WEIGHTS_UNASKED = np.array([2.576, 0.059, 3.158, 2.192, 1.923, 0.071, -1.945, 0.362, 0.532, 0.5])
 """The weights before: for what the inputs were not asked to bear out, whose evidence is worth less."""
@@ -67,10 +74,46 @@ class Weighed:
     score : EffectScore
     features : (f,) array
         See `FEATURES`.
+    most : float
+        Log odds against nothing that its size permits, as far as flights agree on it with tolerances free.
+    lowers : bool
+        Whether it lowers the error on other flights visibly.
     """
 
     score: EffectScore
     features: Array
+    most: float = np.inf
+    lowers: bool = True
+
+    @property
+    def log_odds(self) -> float:
+        """Against nothing, among its rivals."""
+        return min(self.most, self._of(self.features))
+
+    @property
+    def unrivalled(self) -> float:
+        """Log odds against nothing, as though no other effect were like it, where the inputs were asked to bear it out.
+
+        What they were not asked to bear out may be any part of what a simulation lacks that moves as its rivals do.
+        """
+        if not self._is_asked:
+            return self.log_odds
+        x = self.features.copy()
+        delivered, beside = alone(self.score), nats(self.score)
+        by_itself = np.log1p(max(0.0, delivered) / _CLEAR)
+        x[FEATURES.index("ahead alone")] = by_itself
+        x[FEATURES.index("ahead")] = max(min(beside / max(beside, _FEW), 1.0), _ALONE * by_itself)
+        x[FEATURES.index("behind")] = 0.0
+        return min(self.most, self._of(x) - UNRIVALLED)
+
+    @property
+    def _is_asked(self) -> bool:
+        return self.score.driven is not None or self.score.hypothesis.kind == "atmospheric"
+
+    def _of(self, features: Array) -> float:
+        if self._is_asked:
+            return float(NOTHING + features @ WEIGHTS)
+        return float(NOTHING_UNASKED + features @ WEIGHTS_UNASKED)
 
     @property
     def effect(self) -> str:
@@ -158,10 +201,7 @@ def evident(bench: Bench, score: EffectScore) -> bool:
 
 
 def weigh(bench: Bench, scores: Sequence[EffectScore]) -> list[Weighed]:
-    """Features of the effects in question that matter: that lower the error on flights not used for them.
-
-    With thousands of samples evidence is always overwhelming. What instruments' own equations show, or a few moments,
-    counts as evidence; but where the coefficients are no better for it, it does not say what the simulation lacks.
+    """Features of the effects in question that do not spoil other flights.
 
     Parameters
     ----------
@@ -171,10 +211,11 @@ def weigh(bench: Bench, scores: Sequence[EffectScore]) -> list[Weighed]:
     """
     kept, rivals = _judged(bench, scores)
     made = []
-    for one, taken in kept:
+    for one, taken, lowers in kept:
         by_itself = max(0.0, ahead_of(one, rivals, alone)) * np.log1p(max(0.0, alone(one)) / _CLEAR)
         ahead = max(ahead_of(one, rivals, nats), _ALONE * by_itself)
-        besides = most(shares_there(one, bench, bench.beside(one.signature)), bench)
+        beside = bench.beside(one.signature)
+        besides = most(shares_there(one, bench, beside), bench)
         told = (
             ahead,
             by_itself,
@@ -185,17 +226,37 @@ def weigh(bench: Bench, scores: Sequence[EffectScore]) -> list[Weighed]:
             one.event,
             one.hypothesis.log_prior,
             besides * np.log1p(max(0.0, nats(one)) / _CLEAR),
-            behind(one, [other for other, _ in kept]),
+            behind(one, [other for other, *_ in kept]),
         )
-        made.append(Weighed(one, np.array(told, dtype=float)))
+        most_probable = np.inf if one.event else agreed(beside) - _AGREED
+        made.append(Weighed(one, np.array(told, dtype=float), most_probable, lowers))
     return made
 
 
-def _judged(bench: Bench, scores: Sequence[EffectScore]) -> tuple[list[tuple[EffectScore, Taken]], list[EffectScore]]:
-    """Effects in question that matter, with what each takes as delivered; and all that do not spoil other flights."""
+def agreed(beside: Bench) -> float:
+    """Nats that the size of the effect taken in last brings, with the scatter between flights as its error."""
+    at = beside.place(len(beside.accepted) - 1)
+    posterior = beside.base.posterior
+    error = np.maximum(jackknifed(beside.base.solved[1:, at]), np.sqrt(np.diag(posterior.covariance)[at]))
+    return 0.5 * float(np.max((posterior.mean[at] / error) ** 2))
+
+
+def jackknifed(without: Array) -> Array:
+    """Standard error of estimates (groups, k) found with each group of flights left out, by how far these disagree."""
+    groups = len(without)
+    return np.sqrt((groups - 1) * without.var(axis=0)) if groups > 1 else np.zeros(without.shape[1])
+
+
+def _judged(
+    bench: Bench, scores: Sequence[EffectScore]
+) -> tuple[list[tuple[EffectScore, Taken, bool]], list[EffectScore]]:
+    """Effects in question, with what each takes as delivered and whether it lowers the error; and all rivals.
+
+    What spoils other flights is neither.
+    """
     plain = bench.as_delivered
     before = judging.held_out(plain, True)
-    kept: list[tuple[EffectScore, Taken]] = []
+    kept: list[tuple[EffectScore, Taken, bool]] = []
     rivals, judged = list(scores), set()
     # What spoils other flights makes room for the next.
     while asked := [s for s in in_question(rivals) if evident(bench, s) and s.effect not in judged]:
@@ -207,21 +268,35 @@ def _judged(bench: Bench, scores: Sequence[EffectScore]) -> tuple[list[tuple[Eff
             lowers, spoils = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
             if spoils > _SPOILS:
                 rivals.remove(one)
-            elif lowers >= _LOWERS or taken.told_there >= _THERE:
-                kept.append((one, taken))
+            else:
+                kept.append((one, taken, lowers >= _LOWERS or taken.told_there >= _THERE))
     return kept, rivals
 
 
 def chances(weighed: Sequence[Weighed]) -> Array:
-    """(1 + n,) probabilities: that none of the effects is there, and of each."""
-    return np.asarray(scipy.special.softmax([0.0, *map(_log_odds, weighed)]))
+    """(1 + n,) probabilities: that none of the effects is there besides what was found, and of each."""
+    return np.asarray(scipy.special.softmax([0.0, *(one.log_odds for one in weighed)]))
 
 
-def _log_odds(one: Weighed) -> float:
-    """Of an effect, against nothing."""
-    if one.score.driven is None and one.score.hypothesis.kind != "atmospheric":
-        return float(NOTHING_UNASKED + one.features @ WEIGHTS_UNASKED)
-    return float(NOTHING + one.features @ WEIGHTS)
+def first_chances(weighed: Sequence[Weighed], white: float) -> Array:
+    """(1 + n,) probabilities where nothing was found before: that there is no mismatch, and of each effect.
+
+    Whether there is a mismatch is asked of each effect as though it had no rivals; they only share the probability.
+    With thousands of samples evidence is always overwhelming: an effect that does not lower the error visibly counts
+    only as far as the motion cannot be a consequence of what is left.
+
+    Parameters
+    ----------
+    weighed : sequence of Weighed
+    white : float
+        Share of white noise in what is left of the forces: of anything else the motion may be a consequence.
+    """
+    if not weighed:
+        return np.ones(1)
+    evidence = (white * max(nats(one.score) for one in weighed) - _EVEN) / _SCALE
+    by_itself = [one.unrivalled for one in weighed if one.lowers]
+    some = float(scipy.special.expit(max([evidence, *by_itself])))
+    return np.array([1.0 - some, *(some * scipy.special.softmax([one.log_odds for one in weighed]))])
 
 
 def ahead_of(one: EffectScore, scores: Sequence[EffectScore], brings: Callable[[EffectScore], float]) -> float:

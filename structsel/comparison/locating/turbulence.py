@@ -152,9 +152,6 @@ def turbulence_without_vanes(
     return TurbulenceEstimate(sigma, float("nan"), log_bayes_factor, probability, 0.0, explained)
 
 
-unfelt = turbulence_without_vanes  # its name in the diagnosis
-
-
 def coloured_fractions(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> dict[str, float]:
     """Fraction of the power of each force's residual that is not white noise of the instruments.
 
@@ -176,9 +173,6 @@ def coloured_fractions(flights: Sequence[Flight], residuals: Sequence[Mapping[st
         if power > 0.0:
             made[c] = max(0.0, 1.0 - white / power)
     return made
-
-
-coloured_shares = coloured_fractions  # its name in the diagnosis
 
 
 def _of_vane(
