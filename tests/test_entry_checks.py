@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import structsel as ss
+from structsel import demo
 from structsel.recording import DataWarning, Recording, stream_recordings, write_recording
 from structsel.recording.checks import find_unit_and_sign_errors
 from structsel.recording.kinematic_checks import Closure
@@ -25,7 +26,7 @@ DEGREES = 180.0 / np.pi
 @pytest.fixture(scope="module")
 def flights():
     """An elevator, an aileron and a rudder manoeuvre in turbulence."""
-    return ss.demo.demo_flights(3, 5)[0]
+    return demo.demo_flights(3, 5)[0]
 
 
 def scaled(flight, factors, clock=1.0):
@@ -92,7 +93,7 @@ def test_the_bounds_of_a_scale_widen_with_fewer_windows_and_lower_correlation():
 
 @pytest.mark.parametrize("turbulence", [0.0, 1.0, 3.0])
 def test_healthy_flights_raise_no_alarm_in_calm_air_and_in_turbulence(turbulence):
-    for flight in ss.demo.demo_flights(8, 11, turbulence=turbulence)[0]:
+    for flight in demo.demo_flights(8, 11, turbulence=turbulence)[0]:
         assert not find_unit_and_sign_errors(flight.t, flight.channels)
 
 
@@ -147,12 +148,12 @@ def test_select_warns_once_for_all_recordings_and_not_without_a_fault(wrong, fli
 
 
 def test_compute_coefficients_adds_the_finding_to_an_unchecked_recording(wrong):
-    made = ss.compute_coefficients(wrong[0], ss.demo.demo_aircraft())
+    made = ss.compute_coefficients(wrong[0], demo.demo_aircraft())
     assert any(WORDS in str(f) for f in made.findings)
 
 
 def test_compare_warns_before_it_compares(wrong):
-    aircraft = ss.demo.demo_aircraft()
+    aircraft = demo.demo_aircraft()
     model = ss.AeroModel.from_terms({"CZ": {"alpha": -4.0}})
     # With such a pitch rate a comparison may also be refused.
     with pytest.warns(DataWarning, match=WORDS), contextlib.suppress(ss.errors.StructselError):
@@ -185,3 +186,12 @@ def test_streamed_recordings_are_compared_without_reading_them_again(flights, tm
         write_recording(replace(flight, name=name), tmp_path / f"{name}.csv")
     (text,) = same_flights(stream_recordings(tmp_path))
     assert text.startswith("'c' and 'a'")
+
+
+def test_an_infinite_sample_is_no_kinematic_error_and_no_warning_of_numpy():
+    t = np.arange(60) * 0.02
+    theta = 0.1 + 0.1 * np.sin(t)
+    channels = {"alpha": theta.copy(), "theta": theta, "q": 0.1 * np.cos(t), "V": 50.0 + t}
+    before = find_unit_and_sign_errors(t, channels)
+    channels["alpha"][0] = np.inf
+    assert find_unit_and_sign_errors(t, channels) == before

@@ -121,7 +121,8 @@ def find_kinematic_errors(t: np.ndarray, channels: Mapping[str, np.ndarray]) -> 
 def _representative_parts(t: np.ndarray, channels: Mapping[str, np.ndarray]) -> list[dict[str, np.ndarray]]:
     """Channels of the equations, with their time as ``t``; of a long recording some parts of equal length."""
     used = {name: channels[name] for name in dict.fromkeys(c for e in _EQUATIONS for c in USES[e]) if name in channels}
-    used = {name: values for name, values in used.items() if np.isfinite(values).any()} | {"t": t}
+    finite = {name: np.where(np.isfinite(values), values, np.nan) for name, values in used.items()}
+    used = {name: values for name, values in finite.items() if not np.isnan(values).all()} | {"t": t}
     step = np.diff(t)
     edges = [0, *(np.flatnonzero(step > 3.0 * np.median(step)) + 1).tolist(), len(t)]
     slices = [slice(a, b) for a, b in pairwise(edges) if b - a > 2 * _WINDOWS[0]]
