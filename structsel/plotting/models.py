@@ -49,21 +49,30 @@ def plot_estimates(result: Any, response: str = "", *, level: float = 0.95, ax: 
         half = np.nan_to_num((bounds.iloc[:, 1].to_numpy() - values.to_numpy()) / np.abs(values.to_numpy()), posinf=0.0)
     y = np.arange(len(values))
     shown = np.minimum(half, _MAX_INTERVAL)
-    ax.use_sticky_edges = False  # of a bar, which the margins would not extend
-    ax.barh(y, 2.0 * shown, left=-shown, height=0.5, color=SELECTED, alpha=0.6)
+    size = "small" if len(values) <= 20 else "xx-small"
+    labels = [f"{name} = {format_number(value, 3)}" for name, value in values.items()]
+    _draw_relative_bars(ax, shown, labels, fontsize=size, alpha=0.6)
     for place in y[half > _MAX_INTERVAL]:
         ax.text(_MAX_INTERVAL, place, f" ±{format_percent(half[place])}", va="center", fontsize="x-small")
     ax.axvline(0.0, color=MEASURED, lw=0.8)
-    size = "small" if len(values) <= 20 else "xx-small"
-    ax.set_yticks(y, [f"{name} = {format_number(value, 3)}" for name, value in values.items()], fontsize=size)
-    ax.invert_yaxis()
-    ax.xaxis.set_major_locator(MaxNLocator(5))
-    ax.xaxis.set_major_formatter(lambda x, _: f"{100.0 * x:g} %")
     ax.set_xlabel(f"{100.0 * level:g} % interval relative to the estimate")
     named = response if isinstance(result, AeroModel | ResponseModel) else getattr(result, "response", "")
     ax.set_title(f"{symbol(named)}: intervals" if named else "intervals", fontsize="medium")
-    add_grid(ax, axis="x")
     return ax
+
+
+def _draw_relative_bars(
+    ax: Axes, half: np.ndarray, labels: Sequence[str], *, fontsize: str, alpha: float, label: str = ""
+) -> None:
+    """Draw a horizontal bar of this half width [fraction] about zero for each label, the first at the top."""
+    y = np.arange(len(half))
+    ax.use_sticky_edges = False  # of a bar, which the margins would not extend
+    ax.barh(y, 2.0 * half, left=-half, height=0.5, color=SELECTED, alpha=alpha, label=label)
+    ax.set_yticks(y, labels, fontsize=fontsize)
+    ax.invert_yaxis()
+    ax.xaxis.set_major_locator(MaxNLocator(5))
+    ax.xaxis.set_major_formatter(lambda x, _: f"{100.0 * x:g} %")
+    add_grid(ax, axis="x")
 
 
 def plot_ensemble(found: Ensemble, response: str = "", *, ax: Axes | None = None) -> Axes:
@@ -92,19 +101,14 @@ def plot_ensemble(found: Ensemble, response: str = "", *, ax: Axes | None = None
         np.array([getattr(row, name) for row in rows]) for name in ("mean", "low", "high", "std_error")
     )
     size = np.abs(mean)
+    labels = [f"{row.term} = {format_number(row.mean, 3)} ({row.count})" for row in rows]
     bar = np.nan_to_num(std / size)
-    ax.use_sticky_edges = False  # of a bar, which the margins would not extend
-    ax.barh(y, 2.0 * bar, left=-bar, height=0.5, color=SELECTED, alpha=0.45, label="mean standard error")
+    _draw_relative_bars(ax, bar, labels, fontsize="small", alpha=0.45, label="mean standard error")
     ax.errorbar(np.zeros(len(rows)), y, xerr=[(mean - low) / size, (high - mean) / size], fmt="o", ms=4, lw=1.4,
                 capsize=3, color=MEASURED, label="mean, least and greatest")  # fmt: skip
-    ax.set_yticks(y, [f"{row.term} = {format_number(row.mean, 3)} ({row.count})" for row in rows], fontsize="small")
-    ax.invert_yaxis()
-    ax.xaxis.set_major_locator(MaxNLocator(5))
-    ax.xaxis.set_major_formatter(lambda x, _: f"{100.0 * x:g} %")
     ax.set_xlabel("departure from the mean, relative to it")
     ax.set_title(f"{symbol(response)} over {count_of(found.count, 'manoeuvre')}", fontsize="medium")
     ax.legend(fontsize="x-small")
-    add_grid(ax, axis="x")
     return ax
 
 
