@@ -170,12 +170,14 @@ class AeroModel(Result):
                 name, one = max(several, key=lambda pair: max(pair[1].below, pair[1].above))
                 leave = f"{len(several)} of {len(given)} recordings leave {_RANGES}"
                 texts.append(f"{leave}, '{name}' farthest: {one}")
-        used = [f"'{recording.name}'" for recording in given if recording.name in self.recordings]
-        if 0 < len(used) <= _EACH:
-            texts += [f"{name} was used to identify the model: its scores describe the fit." for name in used]
-        elif used:
-            texts.append(f"{join_names(used)} were used to identify the model: their scores describe the fit.")
-        return texts
+        return texts + self.identification_warnings(given)
+
+    def identification_warnings(self, recordings: Sequence[Recording]) -> list[str]:
+        """Notes on the recordings that were used to identify the model."""
+        used = [f"'{recording.name}'" for recording in recordings if recording.name in self.recordings]
+        if len(used) <= _EACH:
+            return [f"{name} was used to identify the model: its scores describe the fit." for name in used]
+        return [f"{join_names(used)} were used to identify the model: their scores describe the fit."]
 
     def evaluate(self, source: Any, *, outside: Literal["warn", "ignore", "raise"] = "warn") -> dict[str, np.ndarray]:
         """Every response on a recording or mapping of arrays.

@@ -107,7 +107,7 @@ def qualify(
                 one, aircraft, part, outputs=shown, window=part.duration + part.dt, air=air, definitions=definitions
             )
             simulated[stage] = result.whole[0]
-            doubts += [f"{stage}: {d}" for d in result.doubts if "used to identify" in d]
+            doubts += [f"{stage}: {text}" for text in one.identification_warnings([part])]
             options = {"air": air, "definitions": definitions}
             checks[stage] = _checks(found, part, result.whole[0], one, aircraft, options)
         tests.append(QualificationTest(part.name, found.kind, found.why, found.free, part, simulated, checks))
