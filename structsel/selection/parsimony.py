@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.cross_products import CrossProducts
 from structsel.selection.resampling import bootstrap_units
 from structsel.selection.search import (
     ROUNDING,
@@ -39,20 +38,14 @@ class Simplest:
     reason: str = ""
 
 
-def fold_errors(search: Search, test: CrossProducts | None = None) -> Array:
+def fold_errors(search: Search) -> Array:
     """Squared error of each fold predicted by a selection without it, (F,), in the units of the products.
 
-    Parameters
-    ----------
-    search : Search
-    test : CrossProducts, optional
-        Of the same blocks, in which the error is taken; those searched by default. With prewhitened products these are
-        errors of one-step predictions, which are independent of one another.
+    With prewhitened products these are errors of one-step predictions, which are independent of one another.
     """
-    test = search.products if test is None else test
     errors = []
     for weights, kept, theta in search.without_folds:
-        left_out = test.total(1.0 - weights)
+        left_out = search.products.total(1.0 - weights)
         floor = ROUNDING * float(left_out[-1, -1])
         errors.append(max(prediction_error(theta, kept, left_out), floor))
     return np.array(errors)
