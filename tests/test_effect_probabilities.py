@@ -31,10 +31,11 @@ def test_probabilities_are_a_softmax_with_nothing_among_the_choices():
     assert weighing.chances([]) == pytest.approx([1.0])
 
 
-def scored(with_effect, delivered, kind="atmospheric"):
+def scored(with_effect, delivered, kind="atmospheric", driven=None, whole=0.0):
     """An effect with its log Bayes factors beside tolerances, and as delivered."""
     return SimpleNamespace(
-        event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect, driven=None, whole=0.0,
+        event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
+        driven=driven, whole=whole,
         hypothesis=SimpleNamespace(log_prior=0.0, kind=kind), trial=SimpleNamespace(at_scales=[delivered]),
     )  # fmt: skip
 
@@ -90,17 +91,11 @@ def test_evidence_that_tolerances_can_absorb_does_not_count_once_something_was_f
 
 
 def test_evidence_that_the_response_to_the_inputs_does_not_confirm_does_not_count():
-    def score(with_effect, delivered, driven=None, whole=0.0):
-        return SimpleNamespace(
-            event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
-            driven=driven, whole=whole,
-            hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
-        )  # fmt: skip
-
-    gusty, true, unasked = score(900.0, 400.0, score(-1.0, 2.0)), score(90.0, 40.0, score(60.0, 30.0)), score(9.0, 4.0)
+    gusty = scored(900.0, 400.0, driven=scored(-1.0, 2.0))
+    true, unasked = scored(90.0, 40.0, driven=scored(60.0, 30.0)), scored(9.0, 4.0)
     assert [weighing.nats(s) for s in (gusty, true, unasked)] == pytest.approx([-1.5, 90.0, 9.0])
     assert [weighing.alone(s) for s in (gusty, true, unasked)] == pytest.approx([3.0, 40.0, 4.0])
-    half = score(900.0, 400.0, score(-1.0, 2.0), whole=0.5)  # as what takes nearly all on other flights may
+    half = scored(900.0, 400.0, driven=scored(-1.0, 2.0), whole=0.5)  # as what takes nearly all on other flights may
     assert (weighing.nats(half), weighing.alone(half)) == pytest.approx((449.25, 201.5))
 
 
@@ -115,17 +110,10 @@ def test_the_log_bayes_factor_is_against_the_best_other_effect_and_within_one():
 
 
 def test_an_effect_is_behind_the_best_by_its_gain_at_admission():
-    def score(with_effect, delivered):
-        return SimpleNamespace(
-            event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
-            hypothesis=SimpleNamespace(log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
-            driven=None, whole=0.0,
-        )  # fmt: skip
-
-    first, near, far, delivered = score(1000.0, 50.0), score(980.0, 0.0), score(200.0, 0.0), score(2.0, 400.0)
+    first, near, far, delivered = scored(1000.0, 50.0), scored(980.0, 0.0), scored(200.0, 0.0), scored(2.0, 400.0)
     kept = [first, near, far, delivered]
     assert [weighing.behind(s, kept) for s in kept] == pytest.approx([0.0, -1.0, -3.0, 0.0])
-    assert weighing.behind(score(11.0, 0.0), [score(16.0, 0.0)]) == pytest.approx(-0.5)  # 10 is clear
+    assert weighing.behind(scored(11.0, 0.0), [scored(16.0, 0.0)]) == pytest.approx(-0.5)  # 10 is clear
 
 
 def problem_of(signals):

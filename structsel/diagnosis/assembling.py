@@ -14,7 +14,7 @@ from structsel.diagnosis import judging
 from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.ranking import TIED, Ranking, Step
 from structsel.diagnosis.residuals import contributions
-from structsel.diagnosis.result import UNNAMED, Bars, EffectFinding, Physics
+from structsel.diagnosis.result import LISTED, UNNAMED, Bars, EffectFinding, Physics
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.weighing import SLIGHT, jackknifed, told_by
 from structsel.effects.base import FittedEffect, ParameterEstimate, Variant
@@ -244,11 +244,11 @@ def _physics(bench: Bench, member: Member) -> tuple[tuple[Physics, ...], tuple[s
     rivals = []
     for score in step.others:
         p = chances.get(score.effect, 0.0)
-        if score.effect != step.score.effect and p >= 0.005:
+        if score.effect != step.score.effect and p >= LISTED:
             found = found_by(score)
             says_too = score.hypothesis.says(found)
             rivals.append(Physics(score.effect, p, says_too, found.estimates, score.signature.variant.terms))
-    if chances.get(UNNAMED, 0.0) >= 0.005:
+    if chances.get(UNNAMED, 0.0) >= LISTED:
         rivals.append(Physics(UNNAMED, chances[UNNAMED], "Something that none of them explains."))
     rivals = sorted(rivals, key=lambda p: -p.probability)[: _RIVALS - 1]
     ties = [

@@ -18,6 +18,8 @@ from structsel.tables import Column, Summary, Table, text_column
 Verdict = Literal["mismatch", "consistent", "undecidable"]
 SCHEMA = "structsel.diagnosis/2"
 UNNAMED = "unknown"
+LISTED = 0.005
+"""Probability from which an effect is listed beside the likeliest."""
 """Name of physics that no hypothesis carries."""
 _STRAINED = 4.0  # stated standard deviations of a tolerance, beyond which it is none
 

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
-from structsel.diagnosis.result import UNNAMED, Diagnosis, EffectFinding, Physics, Pull
+from structsel.diagnosis.result import LISTED, UNNAMED, Diagnosis, EffectFinding, Physics, Pull
 from structsel.effects.base import ParameterEstimate
 from structsel.formatting import (
     display_unit,
@@ -28,7 +28,6 @@ HARD_PULL = 2.0
 _LABEL = 11  # columns that a label stands in
 _STRETCHES, _RIVALS, _PULLS, _UNTESTED, _REMARKS, _RESPONSES = 4, 3, 4, 3, 3, 3
 _LEAST_PULL = 1.0
-_LEAST_RIVAL = 0.005
 _REST = "another effect, or none"
 _SMALL = 0.05  # share of a response's rms, at which an effect that would be named is a small one
 _TIED = "\N{NO-BREAK SPACE}"
@@ -171,7 +170,7 @@ def _tell_finding(number: int, finding: EffectFinding) -> Iterator[str]:
         said = f"{others_too} would do as well (together {format_probability(together(finding))}{remaining})"
         yield from _labelled("tie", said)
     else:
-        rivals = [p for p in others if p.probability > _LEAST_RIVAL][:_RIVALS]
+        rivals = [p for p in others if p.probability > LISTED][:_RIVALS]
         shown, rest = format_probabilities([p.probability for p in (first, *rivals)])
         named = [f"{p.effect} {text}" for p, text in zip(rivals, shown[1:])]
         yield from _labelled("or", ", ".join([*named, f"{_REST} {rest}"] if rest and number == 1 else named))

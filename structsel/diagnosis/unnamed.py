@@ -11,10 +11,9 @@ from structsel.comparison.locating.turbulence import TurbulenceEstimate
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import found_by
 from structsel.diagnosis.ranking import NAMED, TIED, Ranking
-from structsel.diagnosis.result import UNNAMED, Bars, EffectFinding, Physics
+from structsel.diagnosis.result import LISTED, UNNAMED, Bars, EffectFinding, Physics
 from structsel.numerics.arrays import Array
 
-_LEAST = 0.005  # probability of an effect that is listed
 _MATERIAL = 0.10  # share by which that would lower the error
 
 
@@ -82,10 +81,10 @@ def detected(ranking: Ranking, told: Sequence[str]) -> list[EffectFinding]:
     by_effect = detection.by_effect({s.effect for s in ranking.scores})
     physics = [Physics(UNNAMED, chances[UNNAMED], f"Something that no single effect explains well. {detection.says}")]
     for score in ranking.others:
-        if score.effect not in by_effect and chances[score.effect] >= _LEAST:
+        if score.effect not in by_effect and chances[score.effect] >= LISTED:
             found = found_by(score)
             physics.append(Physics(score.effect, chances[score.effect], score.hypothesis.says(found), found.estimates))
-    for effect in (e for e in by_effect if chances[e] >= _LEAST):
+    for effect in (e for e in by_effect if chances[e] >= LISTED):
         one = next(x for x in detection.tolerances if x.effect == effect)
         physics.append(Physics(effect, chances[effect], one.says, {one.tolerance.name: one.estimate}))
     physics.sort(key=lambda one: -one.probability)

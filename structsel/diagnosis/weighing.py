@@ -99,10 +99,9 @@ class Weighed:
         if not self._is_asked:
             return self.log_odds
         x = self.features.copy()
-        delivered, beside = alone(self.score), nats(self.score)
-        by_itself = np.log1p(max(0.0, delivered) / _CLEAR)
+        by_itself = np.log1p(max(0.0, alone(self.score)) / _CLEAR)
         x[FEATURES.index("ahead alone")] = by_itself
-        x[FEATURES.index("ahead")] = max(min(beside / max(beside, _FEW), 1.0), _ALONE * by_itself)
+        x[FEATURES.index("ahead")] = max(ahead_of(self.score, (), nats), _ALONE * by_itself)
         x[FEATURES.index("behind")] = 0.0
         return min(self.most, self._of(x) - UNRIVALLED)
 
