@@ -54,6 +54,12 @@ def test_an_effect_that_leaves_much_of_its_own_responses_has_a_warning_and_one_t
     probabilities = {one.effect: one.probability for one in alone.physics}
     # The remaining fraction, at most half, of the probability of the named effects is that of something else.
     assert_allclose(probabilities["unknown"] / sum(probabilities.values()), min(stays, 0.5), atol=0.006)
+    # Where "unknown" was detected as well, it is one alternative and not two.
+    ranking = rank(*tried(flights, "wrong-derivative"))
+    (step,) = ranking.steps
+    seen = make_findings(replace(ranking, steps=(replace(step, rivals=(*step.rivals, ("unknown", 0.9))),)), {})[0]
+    assert seen.ambiguous_with == ("unknown",)
+    assert [one.effect for one in seen.physics].count("unknown") == 1
     right = found("wrong-derivative", "control-nonlinearity")
     assert (right.effect, right.ambiguous_with) == ("control-nonlinearity", ())
 

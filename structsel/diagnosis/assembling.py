@@ -192,7 +192,7 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Ef
         told_apart = hypothesis.separated_by if ties else ""
         stays = _stays(bare, plain, member, axes)
         if stays > _DOUBT:
-            ties = (*ties[: _TIES - 1], UNNAMED)
+            ties = (*[e for e in ties if e != UNNAMED][: _TIES - 1], UNNAMED)
             physics = _doubted(physics, stays, axes)
         made.append(
             EffectFinding(
