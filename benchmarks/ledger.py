@@ -24,9 +24,9 @@ from threadpoolctl import threadpool_limits
 from structsel.aircraft import Aircraft
 from structsel.comparison.noise import frequencies
 from structsel.comparison.preparing import prepare
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.detection import detect
 from structsel.diagnosis.diagnose import set_up
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.signatures import Signature
 from structsel.numerics.evidence import Base
@@ -42,20 +42,20 @@ def bands() -> list[str]:
     return ["level", *(f"{low:g} to {high:g} Hz" for low, high in pairwise(EDGES))]
 
 
-def by_band(bench: Bench, signature: Signature) -> dict[str, dict[str, float]]:
+def by_band(problem: DiagnosisProblem, signature: Signature) -> dict[str, dict[str, float]]:
     """Log Bayes factor of a form by response and band, each from its own rows with the biases integrated out."""
-    columns = [r.whiten(s, signature.width) for r, s in zip(bench.rows, signature.spectra)]
+    columns = [r.whiten(s, signature.width) for r, s in zip(problem.rows, signature.spectra)]
     made: dict[str, dict[str, float]] = {}
-    for c in bench.responses:
+    for c in problem.responses:
         made[c] = {}
         for k, name in enumerate(bands()):
             at = []
-            for r in bench.rows:
+            for r in problem.rows:
                 hz = np.concatenate([[-1.0], frequencies(r.flight, r.bins)])
                 inside = hz < 0.0 if k == 0 else (hz >= EDGES[k - 1]) & (hz < EDGES[k]) & (hz >= 0.0)
                 at.append(r.part(c).start + np.flatnonzero(inside))
             if any(np.any(x[i]) for x, i in zip(columns, at)):
-                made[c][name] = _log_bayes(bench.base, columns, at)
+                made[c][name] = _log_bayes(problem.base, columns, at)
     return made
 
 
@@ -71,12 +71,12 @@ def _log_bayes(base: Base, columns: Sequence[np.ndarray], at: Sequence[np.ndarra
 def entry(folder: Path, key: Mapping[str, Any]) -> dict[str, Any]:
     """Entry of one case."""
     prepared = prepare(str(folder / "simulated"), read_recordings(folder / "recordings"), _aircraft(folder))
-    bench, library, turbulence = set_up(prepared.flights)
-    scores = score_all(bench, library)
+    problem, library, turbulence = set_up(prepared.flights)
+    scores = score_all(problem, library)
     true = {n for e in key["effects"] for n in e["accept"]} - {"turbulence", "consistent"}
     right = next((s for s in scores if s.effect in true), None)
     other = next((s for s in scores if s.effect not in true), None)
-    seen = detect(bench.flights, bench, prepared.simulation.form == "free")
+    seen = detect(problem.flights, problem, prepared.simulation.form == "free")
     known = key.get("log_evidence", key.get("log_likelihood_gain_of_perfect_account"))
     return {
         "case": folder.name,
@@ -85,8 +85,8 @@ def entry(folder: Path, key: Mapping[str, Any]) -> dict[str, Any]:
         "turbulence": turbulence is not None,
         "true difference": known,
         "detection": None if seen is None else seen.parts | {"any": seen.log_bayes},
-        "best form": None if right is None else _listed(bench, right.effect, right.log_evidence, right.signature),
-        "best other": None if other is None else _listed(bench, other.effect, other.log_evidence, other.signature),
+        "best form": None if right is None else _listed(problem, right.effect, right.log_evidence, right.signature),
+        "best other": None if other is None else _listed(problem, other.effect, other.log_evidence, other.signature),
     }
 
 
@@ -94,8 +94,8 @@ def _aircraft(folder: Path) -> Aircraft:
     return Aircraft.from_toml(folder / "aircraft.toml")
 
 
-def _listed(bench: Bench, effect: str, log_evidence: float, signature: Signature) -> dict[str, Any]:
-    return {"effect": effect, "log_bayes": log_evidence, "by band": by_band(bench, signature)}
+def _listed(problem: DiagnosisProblem, effect: str, log_evidence: float, signature: Signature) -> dict[str, Any]:
+    return {"effect": effect, "log_bayes": log_evidence, "by band": by_band(problem, signature)}
 
 
 def cases(place: Path) -> Iterator[tuple[Path, dict[str, Any]]]:

@@ -27,10 +27,10 @@ from proof.worker import open_case
 from structsel.comparison.preparing import prepare
 from structsel.diagnosis import weighing
 from structsel.diagnosis.diagnose import set_up
-from structsel.diagnosis.driven import InputDrivenMotion
+from structsel.diagnosis.input_response import InputDrivenMotion
 from structsel.diagnosis.ranking import NAMED, TIED
 from structsel.diagnosis.scoring import score_all
-from structsel.diagnosis.weighing import weigh
+from structsel.diagnosis.weighing import candidate_effects
 from structsel.numerics.arrays import Array
 
 _MILD = 3.0  # inverse variance of a weight beforehand, in standard deviations of its feature
@@ -44,7 +44,9 @@ def collect(folder: Path, name: str) -> list[dict]:
     missing = [set(e.accept) for e in key.effects]
     motion = InputDrivenMotion.of(problem.flights)
     while len(rounds) <= len(key.effects):
-        scored = [w for w in weigh(problem, motion.bear_out(problem, score_all(problem, library))) if w.lowers]
+        scored = [
+            w for w in candidate_effects(problem, motion.confirm(problem, score_all(problem, library))) if w.lowers
+        ]
         right = [any(w.effect in e for e in missing) for w in scored]
         rows = [
             {"effect": w.effect, "right": r, "features": [float(x) for x in w.features]} for w, r in zip(scored, right)
@@ -53,9 +55,9 @@ def collect(folder: Path, name: str) -> list[dict]:
         found = [w for w, r in zip(scored, right) if r]
         if not found:
             break
-        best = max(found, key=lambda w: weighing.nats(w.score))
+        best = max(found, key=lambda w: weighing.log_bayes(w.score))
         missing = [e for e in missing if best.effect not in e]
-        problem = problem.taking([*problem.accepted, best.score.signature], library.signatures)
+        problem = problem.with_effects([*problem.accepted, best.score.signature], library.signatures)
     return rounds
 
 

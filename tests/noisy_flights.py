@@ -10,7 +10,7 @@ from structsel.coefficients import compute_coefficients
 from structsel.comparison.flight import prepare_flight
 from structsel.comparison.surrogate import identify
 from structsel.demo.aircraft import TRUTH, demo_aircraft
-from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.signatures import work_out
 from structsel.effects import EFFECTS
 from structsel.nomenclature import COEFFICIENTS
@@ -94,4 +94,4 @@ def flights_with(extra, **options):
 def tried(flights, *effects):
     """Comparison problem of some flights, and the library of the effects to be tried."""
     library = work_out([h for h in EFFECTS if h.name in effects], flights, flights[0].responses)
-    return Bench.set_up(flights, library.signatures), library
+    return DiagnosisProblem.set_up(flights, library.signatures), library

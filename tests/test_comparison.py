@@ -12,9 +12,9 @@ from structsel.comparison.compare import compare
 from structsel.comparison.preparing import prepare
 from structsel.comparison.simulations import open_simulation
 from structsel.comparison.tolerances import biases_of, tolerances_of
-from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.scoring import score_all
-from structsel.diagnosis.weighing import nats
+from structsel.diagnosis.weighing import log_bayes
 from structsel.errors import DataError, ModelError
 from structsel.recording import Recording
 from tests.models import model_of
@@ -195,7 +195,7 @@ def test_noise_of_the_simulations_inputs_is_allowed_for_and_is_not_diagnosed_as_
         assert np.corrcoef(column["Cm"], -TRUTH["Cm"]["de"] * x)[0, 1] > 0.85
     (score,) = score_all(*tried(flights, "backlash"))
     assert score.signature.variant.shape["width"] > 2.0 * sd
-    assert nats(score) < 10.0
+    assert log_bayes(score) < 10.0
 
 
 def test_a_forced_simulation_that_diverged_names_file_channel_and_sample(flights_and_truth):
@@ -262,5 +262,5 @@ def test_channels_that_are_constant_as_on_a_ship_are_compared():
         stated[f"m{k}"] = Recording(f"m{k}", T, {"CY": 0.1 * r, "Cn": -0.002 * dr})
     flights = prepare(stated, recordings, AIRCRAFT).flights
     assert not {"k_phi", "k_theta"} & set(flights[0].responses)
-    base = Bench.set_up(flights, []).base
+    base = DiagnosisProblem.set_up(flights, []).base
     assert np.isfinite(base.evidence).all()

@@ -13,10 +13,10 @@ from structsel.comparison.flight import prepare_flight
 from structsel.comparison.preparing import prepare as prepare_both
 from structsel.comparison.surrogate import Surrogate, identify
 from structsel.diagnosis.adding import Addition, addition_of
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.extending import Extended, as_models
 from structsel.diagnosis.modelling import corrected_model
 from structsel.diagnosis.patching import patched_aircraft
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import rank
 from structsel.diagnosis.signatures import work_out
 from structsel.effects.base import ModelCase, ParameterEstimate
@@ -141,7 +141,7 @@ def corrected(truth, effect):
     """What model.json holds of the Citation, compared with a truth, if one effect may be found."""
     prepared = prepare_both(OWN, recorded(truth), AIRCRAFT)
     library = work_out([effect_named(effect)], prepared.flights, prepared.flights[0].responses, None)
-    ranking = rank(Bench.set_up(prepared.flights, library.signatures), library)
+    ranking = rank(DiagnosisProblem.set_up(prepared.flights, library.signatures), library)
     assert [step.score.effect for step in ranking.steps] == [effect]
     return corrected_model(prepared, ranking)
 

@@ -15,14 +15,14 @@ from structsel.comparison.causal_rows import CausalRows, averaged, evaluated_at_
 from structsel.comparison.preparing import prepare
 from structsel.comparison.sensitivity import misread
 from structsel.comparison.tolerances import Nuisance, _jumped, tolerances_of
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.detection import SCALE, Detection, detect
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking, with_detection
 from structsel.diagnosis.result import Event
 from structsel.diagnosis.scoring import score_all
-from structsel.diagnosis.unnamed import detected
-from structsel.diagnosis.weighing import FEATURES, Weighed, nats
+from structsel.diagnosis.unattributed import detected
+from structsel.diagnosis.weighing import FEATURES, CandidateEffect, log_bayes
 from tests.benchmark_modules import load_benchmark
 from tests.models import model_of
 from tests.noisy_flights import AIRCRAFT, TRUTH, flights_with, fly, ready, tried
@@ -41,13 +41,13 @@ def correct():
 
 
 def test_a_missing_quadratic_term_is_detected_in_its_response(bent):
-    found = detect(bent, Bench.set_up(bent, ()))
+    found = detect(bent, DiagnosisProblem.set_up(bent, ()))
     assert found.axes == ("CZ",)
     assert found.probability > 0.95
 
 
 def test_a_correct_simulation_is_not_a_mismatch(correct):
-    assert detect(correct, Bench.set_up(correct, ())).probability < 0.05
+    assert detect(correct, DiagnosisProblem.set_up(correct, ())).probability < 0.05
 
 
 def test_control_derivatives_within_tolerance_are_no_mismatch_where_surfaces_step():
@@ -63,7 +63,7 @@ def test_control_derivatives_within_tolerance_are_no_mismatch_where_surfaces_ste
     for (response, term), factor in stated.items():
         mean, error = (0.05 * x for x in std[f"{response}: {term}"])
         assert abs(mean - (1.0 / factor - 1.0)) < 3.0 * error
-    found = detect(flights, Bench.set_up(flights, ()))
+    found = detect(flights, DiagnosisProblem.set_up(flights, ()))
     assert max(found.remainder.values()) < 0.0
 
 
@@ -79,7 +79,7 @@ def test_a_surface_that_jumped_within_a_sample_shows_in_moments_from_that_sample
 def test_rounding_of_the_samples_does_not_matter(bent):
     # Thresholds act on a continuous score: a change of 1e-12 in the samples must not change it visibly.
     moved = [type(f)(**{**vars_of(f), "measured": {c: x * (1.0 + 1e-12) for c, x in f.measured.items()}}) for f in bent]
-    first, second = (detect(f, Bench.set_up(f, ())).log_bayes for f in (bent, moved))
+    first, second = (detect(f, DiagnosisProblem.set_up(f, ())).log_bayes for f in (bent, moved))
     assert_allclose(second, first, rtol=1e-6)
 
 
@@ -88,7 +88,7 @@ def vars_of(flight):
 
 
 def test_the_order_of_the_recordings_does_not_matter(bent):
-    first, second = (detect(f, Bench.set_up(f, ())).log_bayes for f in (bent, bent[::-1]))
+    first, second = (detect(f, DiagnosisProblem.set_up(f, ())).log_bayes for f in (bent, bent[::-1]))
     assert_allclose(second, first, rtol=1e-6)
 
 
@@ -129,8 +129,8 @@ def unsure(bent):
     problem, library = tried(bent, "missing-term")
     scores = tuple(score_all(problem, library))
 
-    def ranking(seen, weighed=()):
-        p = with_detection({"nothing": 0.6, "missing-term": 0.4}, seen, weighed, {"missing-term"})
+    def ranking(seen, candidates=()):
+        p = with_detection({"nothing": 0.6, "missing-term": 0.4}, seen, candidates, {"missing-term"})
         return Ranking(problem, (), scores, None, tuple(p.items()), scores, seen)
 
     return ranking
@@ -146,22 +146,22 @@ def mass(log_bayes):
 
 def test_names_share_the_probability_of_what_was_detected(unsure):
     (finding,) = detected(unsure(detection(300.0)), ("CZ", "Cl"))
-    chances = {p.effect: p.probability for p in finding.physics}
+    probabilities = {p.effect: p.probability for p in finding.physics}
     assert_allclose(finding.probability, 1.0, atol=1e-6)
-    assert_allclose([chances["unknown"], chances["missing-term"]], [0.6, 0.4], atol=1e-6)
+    assert_allclose([probabilities["unknown"], probabilities["missing-term"]], [0.6, 0.4], atol=1e-6)
     assert finding.ambiguous_with == ("missing-term",)
     assert finding.axes == ("Cl",)
     assert finding.to_dict()["probability"] == 1.0
 
 
 def test_an_effect_with_as_much_evidence_as_what_was_detected_shares_what_is_unknown(unsure):
-    weighed = Weighed(unsure(detection(0.0)).others[0], np.zeros(len(FEATURES)))
-    evidence = nats(weighed.score)
+    candidates = CandidateEffect(unsure(detection(0.0)).others[0], np.zeros(len(FEATURES)))
+    evidence = log_bayes(candidates.score)
     for above, share in ((0.0, 0.5), (50.0, 0.0), (-50.0, 1.0)):
         seen = detection(0.0)
         seen = replace(seen, remainder={"CZ": 0.0, "Cl": evidence + above - seen.log_bayes})
         seen = replace(seen, remainder={"CZ": 0.0, "Cl": seen.remainder["Cl"] + evidence + above - seen.log_bayes})
-        p = with_detection({"nothing": 1.0, "missing-term": 0.0}, seen, [weighed], {"missing-term"})
+        p = with_detection({"nothing": 1.0, "missing-term": 0.0}, seen, [candidates], {"missing-term"})
         assert_allclose(p["missing-term"] / (1.0 - p["nothing"]), share, atol=0.01)
         assert_allclose(sum(p.values()), 1.0)
 
@@ -180,11 +180,11 @@ def test_the_sentence_says_what_shows_the_mismatch():
 def test_a_tolerance_exceeded_is_named_by_its_effect_and_unknown_has_what_others_exceed(unsure):
     seen = detection(0.0, mass(30.0))
     (finding,) = detected(unsure(seen), ("CZ", "Cl"))
-    chances = {p.effect: p.probability for p in finding.physics}
+    probabilities = {p.effect: p.probability for p in finding.physics}
     # 0.4 as before, and of the rest 0.75 that the mass alone is exceeded, as far as nothing else is.
     exceeded_mass = 0.6 * 0.75 * expit((30.0 - seen.log_bayes) / SCALE)
     assert_allclose(
-        [chances["missing-term"], chances["unknown"]], [0.4 + exceeded_mass, 0.6 - exceeded_mass], atol=1e-4
+        [probabilities["missing-term"], probabilities["unknown"]], [0.4 + exceeded_mass, 0.6 - exceeded_mass], atol=1e-4
     )
     assert finding.physics[0].parameters["mass"].value == pytest.approx(0.06)
     assert detected(unsure(detection(0.0, mass(0.0))), ("CZ", "Cl")) == []
@@ -234,17 +234,17 @@ def test_what_has_no_stated_tolerance_and_explains_more_takes_the_name():
 
 def test_evidence_of_recorded_motion_does_not_count_where_what_is_left_is_no_white_noise(monkeypatch):
     flights = flights_with({"Cm": {"de": 1.4 * TRUTH["Cm"]["de"]}}, **SPEEDS)
-    bench = Bench.set_up(flights, ())
-    calm = exceeded_as_recorded(bench)[0]
+    problem = DiagnosisProblem.set_up(flights, ())
+    calm = exceeded_as_recorded(problem)[0]
     monkeypatch.setattr("structsel.diagnosis.residuals.coloured_fractions", lambda *_: {"CX": 0.2, "CZ": 0.98})
-    rough = {one.tolerance.name: one.log_bayes for one in exceeded_as_recorded(bench)}
+    rough = {one.tolerance.name: one.log_bayes for one in exceeded_as_recorded(problem)}
     assert calm.log_odds > 3.0
     assert rough[calm.tolerance.name] < 0.1 * calm.log_bayes
 
 
 def test_a_wrong_derivative_is_found_as_a_tolerance_exceeded():
     flights = flights_with({"Cm": {"de": 1.4 * TRUTH["Cm"]["de"]}}, **SPEEDS)
-    first = detect(flights, Bench.set_up(flights, ())).tolerances[0]
+    first = detect(flights, DiagnosisProblem.set_up(flights, ())).tolerances[0]
     assert (first.tolerance.name, first.effect) == ("Cm: de", "wrong-derivative")
     assert_allclose(first.estimate.value, 0.4, atol=3.0 * first.estimate.std)
     assert first.estimate.std < 0.1
@@ -253,7 +253,7 @@ def test_a_wrong_derivative_is_found_as_a_tolerance_exceeded():
 
 def test_recordings_of_two_seconds_are_asked_too(correct):
     short = [f.between(0, 50, f.name) for f in correct]
-    assert detect(short, Bench.set_up(short, ())).probability < 0.05
+    assert detect(short, DiagnosisProblem.set_up(short, ())).probability < 0.05
 
 
 def test_a_plant_without_coefficients_is_not_asked():

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from structsel.diagnosis import ranking, weighing
-from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
-from structsel.diagnosis.diagnose import drowned
+from structsel.diagnosis.diagnose import unpredicted
+from structsel.diagnosis.notes import notes
 from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.signatures import Library
-from structsel.diagnosis.weighing import FEATURES, Weighed
+from structsel.diagnosis.weighing import FEATURES, CandidateEffect
 from structsel.numerics.evidence import Base
 from structsel.recording import Recording
 from tests.noisy_flights import flights_with, fly, ready, tried
@@ -24,11 +24,11 @@ def test_an_effect_in_several_places_is_one_hypothesis(monkeypatch):
     def taken(effects):
         left = iter(effects)
         monkeypatch.setattr(ranking, "score_all", lambda *_: [])
-        monkeypatch.setattr(ranking, "weigh", lambda *_: [likely(next(left))])
-        monkeypatch.setattr(ranking, "first_chances", lambda weighed, _: weighing.chances(weighed))
-        monkeypatch.setattr(ranking, "white_share", lambda _: 0.0)
+        monkeypatch.setattr(ranking, "candidate_effects", lambda *_: [likely(next(left))])
+        monkeypatch.setattr(ranking, "first_probabilities", lambda candidates, _: weighing.probabilities(candidates))
+        monkeypatch.setattr(ranking, "white_fraction", lambda _: 0.0)
         plant = SimpleNamespace(channels={})
-        problem = SimpleNamespace(accepted=(), flights=(plant,), taking=lambda *_: problem)
+        problem = SimpleNamespace(accepted=(), flights=(plant,), with_effects=lambda *_: problem)
         return len(rank(problem, Library((), {})).steps)
 
     assert taken("abcde") == 4
@@ -38,8 +38,8 @@ def test_an_effect_in_several_places_is_one_hypothesis(monkeypatch):
 
 def likely(effect):
     """An effect that is certain."""
-    score = SimpleNamespace(effect=effect, signature=None, driven=True)
-    return Weighed(score, np.where(np.array(FEATURES) == "event", 0.0, 10.0))
+    score = SimpleNamespace(effect=effect, signature=None, input_only=True)
+    return CandidateEffect(score, np.where(np.array(FEATURES) == "event", 0.0, 10.0))
 
 
 def test_an_effect_that_leaves_much_of_its_own_responses_has_a_warning_and_one_that_explains_them_has_none():
@@ -57,7 +57,9 @@ def test_an_effect_that_leaves_much_of_its_own_responses_has_a_warning_and_one_t
     # Where "unknown" was detected as well, it is one alternative and not two.
     ranking = rank(*tried(flights, "wrong-derivative"))
     (step,) = ranking.steps
-    seen = make_findings(replace(ranking, steps=(replace(step, rivals=(*step.rivals, ("unknown", 0.9))),)), {})[0]
+    seen = make_findings(
+        replace(ranking, steps=(replace(step, alternatives=(*step.alternatives, ("unknown", 0.9))),)), {}
+    )[0]
     assert seen.ambiguous_with == ("unknown",)
     assert [one.effect for one in seen.physics].count("unknown") == 1
     right = found("wrong-derivative", "control-nonlinearity")
@@ -72,7 +74,7 @@ def test_timing_that_other_flights_do_not_confirm_keeps_its_stated_value():
     def free(*signs):
         y = [s * 5.0 * B[:, delayed] for s, B in zip(signs, problem.base.given, strict=True)]
         other = replace(problem, base=Base(y, problem.base.given, problem.base.groups, problem.base.scales))
-        return other.as_delivered.nuisances
+        return other.as_given.nuisances
 
     assert "de, da, dr late" in [n.name for n in free(1.0, 1.0)]
     assert free(1.0, -1.0) == []
@@ -85,7 +87,7 @@ def test_a_small_attitude_scale_error_is_that_of_the_attitude_and_not_of_a_gyro(
         read = [Recording(r.name, r.t, {**r.channels, channel: factor * r[channel]}, r.units) for r in recordings]
         problem, library = tried(ready(read, stated), "sensor-scale")
         k = [n.name for n in problem.nuisances].index("phi scale")
-        return problem.pulled[0][k] * problem.nuisances[k].sd, score_all(problem, library)[0]
+        return problem.deviations[0][k] * problem.nuisances[k].sd, score_all(problem, library)[0]
 
     scale, accused = read_as("phi", 1.02)
     assert_allclose(scale, 0.02, rtol=0.1)
@@ -108,7 +110,7 @@ def test_an_effect_that_only_kinematics_shows_is_a_remark_to_the_verdict():
             Recording(r.name, r.t, {**r.channels, "vn": r["vn"] + north, "ve": r["ve"] + east}) for r in recordings
         ]
         problem, library = tried(ready(windy, stated), "steady-wind", "sensor-scale")
-        return asides(Ranking(problem, (), tuple(score_all(problem, library))))
+        return notes(Ranking(problem, (), tuple(score_all(problem, library))))
 
     (wind,) = said(3.0, -1.0)
     assert "no coefficient is the better for it: A steady wind of" in wind
@@ -118,6 +120,6 @@ def test_an_effect_that_only_kinematics_shows_is_a_remark_to_the_verdict():
 
 
 def test_responses_with_little_predicted_are_reported():
-    (said,) = drowned({"CZ": (0.2, True), "Cl": (0.94, True)})
+    (said,) = unpredicted({"CZ": (0.2, True), "Cl": (0.94, True)})
     assert "of its rms Cl 0.94 is left" in said
-    assert drowned({"CZ": (0.2, True)}) == []
+    assert unpredicted({"CZ": (0.2, True)}) == []

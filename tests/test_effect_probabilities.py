@@ -21,21 +21,23 @@ def test_probabilities_are_a_softmax_with_nothing_among_the_choices():
     rng = np.random.default_rng(1)
     x = rng.normal(size=(3, len(weighing.FEATURES)))
 
-    def asked(kind="static", driven=None):
-        return SimpleNamespace(driven=driven, hypothesis=SimpleNamespace(kind=kind))
+    def asked(kind="static", input_only=None):
+        return SimpleNamespace(input_only=input_only, hypothesis=SimpleNamespace(kind=kind))
 
-    p = weighing.chances([weighing.Weighed(s, row) for s, row in zip((asked(driven=1), asked("atmospheric")), x)])
+    p = weighing.probabilities(
+        [weighing.CandidateEffect(s, row) for s, row in zip((asked(input_only=1), asked("atmospheric")), x)]
+    )
     assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING + x[:2] @ weighing.WEIGHTS)]))
-    p = weighing.chances([weighing.Weighed(asked(), row) for row in x])
+    p = weighing.probabilities([weighing.CandidateEffect(asked(), row) for row in x])
     assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING_UNASKED + x @ weighing.WEIGHTS_UNASKED)]))
-    assert weighing.chances([]) == pytest.approx([1.0])
+    assert weighing.probabilities([]) == pytest.approx([1.0])
 
 
-def scored(with_effect, delivered, kind="atmospheric", driven=None, whole=0.0):
+def scored(with_effect, delivered, kind="atmospheric", input_only=None, unconfirmed_weight=0.0):
     """An effect with its log Bayes factors beside tolerances, and as delivered."""
     return SimpleNamespace(
         event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
-        driven=driven, whole=whole,
+        input_only=input_only, unconfirmed_weight=unconfirmed_weight,
         hypothesis=SimpleNamespace(log_prior=0.0, kind=kind), trial=SimpleNamespace(at_scales=[delivered]),
     )  # fmt: skip
 
@@ -44,26 +46,28 @@ def test_a_mismatch_that_two_effects_explain_alike_is_as_probable_as_with_one():
     x = np.zeros(len(weighing.FEATURES))
     x[weighing.FEATURES.index("takes")] = 1.0
     x[weighing.FEATURES.index("takes there")] = 1.0
-    one = weighing.Weighed(scored(900.0, 900.0), x)
-    alone, pair = weighing.first_chances([one], 0.0), weighing.first_chances([one, one], 0.0)
+    one = weighing.CandidateEffect(scored(900.0, 900.0), x)
+    alone, pair = weighing.first_probabilities([one], 0.0), weighing.first_probabilities([one, one], 0.0)
     assert alone[0] < 0.2
     assert pair == pytest.approx([alone[0], 0.5 * alone[1], 0.5 * alone[1]])
-    unconfirmed = weighing.Weighed(scored(900.0, 900.0, "static"), x)  # its rivals count against it
-    assert unconfirmed.unrivalled == unconfirmed.log_odds
+    unconfirmed = weighing.CandidateEffect(scored(900.0, 900.0, "static"), x)  # its rivals count against it
+    assert unconfirmed.log_odds_alone == unconfirmed.log_odds
 
 
 def test_evidence_counts_as_far_as_what_is_left_is_white_noise():
-    one = weighing.Weighed(scored(100.0, 0.0), np.zeros(len(weighing.FEATURES)))
-    p = [weighing.first_chances([one], white)[1] for white in (0.0, 0.32, 1.0)]
+    one = weighing.CandidateEffect(scored(100.0, 0.0), np.zeros(len(weighing.FEATURES)))
+    p = [weighing.first_probabilities([one], white)[1] for white in (0.0, 0.32, 1.0)]
     assert p[0] < 0.1
     assert p[1:] == pytest.approx([0.5, 1.0], abs=1e-6)
-    assert weighing.first_chances([], 1.0) == pytest.approx([1.0])
+    assert weighing.first_probabilities([], 1.0) == pytest.approx([1.0])
 
 
 def test_an_effect_whose_size_no_two_flights_agree_on_is_not_probable():
-    one = weighing.Weighed(scored(0.0, 9e9), np.full(len(weighing.FEATURES), 9.0))
-    assert weighing.first_chances([one], 0.0)[1] > 0.99
-    assert weighing.first_chances([replace(one, most=-2.0)], 0.0)[1] == pytest.approx(1.0 / (1.0 + np.exp(2.0)))
+    one = weighing.CandidateEffect(scored(0.0, 9e9), np.full(len(weighing.FEATURES), 9.0))
+    assert weighing.first_probabilities([one], 0.0)[1] > 0.99
+    assert weighing.first_probabilities([replace(one, max_log_odds=-2.0)], 0.0)[1] == pytest.approx(
+        1.0 / (1.0 + np.exp(2.0))
+    )
 
 
 def test_a_feature_in_favour_of_an_effect_has_a_positive_weight():
@@ -78,7 +82,7 @@ def test_evidence_that_tolerances_can_absorb_does_not_count_once_something_was_f
         return SimpleNamespace(
             effect=effect, event=event, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
             hypothesis=SimpleNamespace(name=effect, log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
-            driven=None, whole=0.0,
+            input_only=None, unconfirmed_weight=0.0,
         )  # fmt: skip
 
     first = SimpleNamespace(accepted=())
@@ -91,22 +95,26 @@ def test_evidence_that_tolerances_can_absorb_does_not_count_once_something_was_f
 
 
 def test_evidence_that_the_response_to_the_inputs_does_not_confirm_does_not_count():
-    gusty = scored(900.0, 400.0, driven=scored(-1.0, 2.0))
-    true, unasked = scored(90.0, 40.0, driven=scored(60.0, 30.0)), scored(9.0, 4.0)
-    assert [weighing.nats(s) for s in (gusty, true, unasked)] == pytest.approx([-1.5, 90.0, 9.0])
-    assert [weighing.alone(s) for s in (gusty, true, unasked)] == pytest.approx([3.0, 40.0, 4.0])
-    half = scored(900.0, 400.0, driven=scored(-1.0, 2.0), whole=0.5)  # as what takes nearly all on other flights may
-    assert (weighing.nats(half), weighing.alone(half)) == pytest.approx((449.25, 201.5))
+    gusty = scored(900.0, 400.0, input_only=scored(-1.0, 2.0))
+    true, unasked = scored(90.0, 40.0, input_only=scored(60.0, 30.0)), scored(9.0, 4.0)
+    assert [weighing.log_bayes(s) for s in (gusty, true, unasked)] == pytest.approx([-1.5, 90.0, 9.0])
+    assert [weighing.log_bayes_as_given(s) for s in (gusty, true, unasked)] == pytest.approx([3.0, 40.0, 4.0])
+    half = scored(
+        900.0, 400.0, input_only=scored(-1.0, 2.0), unconfirmed_weight=0.5
+    )  # as what takes nearly all on other flights may
+    assert (weighing.log_bayes(half), weighing.log_bayes_as_given(half)) == pytest.approx((449.25, 201.5))
 
 
 def test_the_log_bayes_factor_is_against_the_best_other_effect_and_within_one():
-    scores = [SimpleNamespace(nats=x) for x in (100.0, 40.0, -5.0)]
-    ahead = [weighing.ahead_of(s, scores, lambda one: one.nats) for s in scores]
+    scores = [SimpleNamespace(log_bayes=x) for x in (100.0, 40.0, -5.0)]
+    ahead = [weighing.ahead_of(s, scores, lambda one: one.log_bayes) for s in scores]
     assert ahead == pytest.approx([0.6, -1.0, -1.0])
-    near = [SimpleNamespace(nats=x) for x in (100.0, 97.0, 40.0)]
-    assert weighing.ahead_of(near[1], near, lambda one: one.nats) == pytest.approx(57.0 / 97.0)  # as good as the first
-    alone = [SimpleNamespace(nats=10.0)]
-    assert weighing.ahead_of(alone[0], alone, lambda one: one.nats) == pytest.approx(0.5)  # half of 20
+    near = [SimpleNamespace(log_bayes=x) for x in (100.0, 97.0, 40.0)]
+    assert weighing.ahead_of(near[1], near, lambda one: one.log_bayes) == pytest.approx(
+        57.0 / 97.0
+    )  # as good as the first
+    alone = [SimpleNamespace(log_bayes=10.0)]
+    assert weighing.ahead_of(alone[0], alone, lambda one: one.log_bayes) == pytest.approx(0.5)  # half of 20
 
 
 def test_an_effect_is_behind_the_best_by_its_gain_at_admission():
@@ -120,7 +128,7 @@ def problem_of(signals):
     """Benches that hold white rows of one response of several flights: a level, and cosine coefficients."""
     rows = SimpleNamespace(part=lambda response: slice(None), flight=SimpleNamespace(name="m01"))
     left = [(rows, np.concatenate([[0.0], dct(x, norm="ortho")])) for x in signals]
-    return SimpleNamespace(left_out=left, left_in=left, responses=("CZ",))
+    return SimpleNamespace(held_out_residuals=left, fitted_residuals=left, responses=("CZ",))
 
 
 def test_a_few_samples_count_by_the_effect_there():
@@ -142,9 +150,9 @@ def test_an_effect_explains_a_fraction_of_each_response_however_small_that_is():
     def plain(kept):
         left = {"CZ": 100.0 * np.ones(4) * (0.5 if 0 in kept else 1.0), "Cm": np.ones(4) * (0.5 if 1 in kept else 1.0)}
         rows = SimpleNamespace(part=lambda c: slice(*{"CZ": (0, 4), "Cm": (4, 8), "CY": (8, 12)}[c]))
-        return SimpleNamespace(left_in=[(rows, np.concatenate([left["CZ"], left["Cm"], np.zeros(4)]))])
+        return SimpleNamespace(fitted_residuals=[(rows, np.concatenate([left["CZ"], left["Cm"], np.zeros(4)]))])
 
-    problem = SimpleNamespace(keeping=plain, told=["CZ", "Cm", "CY"])  # nothing is amiss in CY
+    problem = SimpleNamespace(subset=plain, judged_responses=["CZ", "Cm", "CY"])  # nothing is amiss in CY
     both = [Member((), (0,)), Member((), (1,))]
     assert shares(problem, both) == pytest.approx([0.75, 0.75])
 

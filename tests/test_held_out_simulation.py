@@ -15,7 +15,6 @@ from structsel.comparison.noise import as_spectra, edge_of
 from structsel.comparison.preparing import prepare
 from structsel.comparison.surrogate import Surrogate
 from structsel.demo import demo_flights
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.held_out_result import ChannelScores, HeldOutSimulation, WindowScore
 from structsel.diagnosis.held_out_simulation import (
     PredictedCoefficients,
@@ -25,6 +24,7 @@ from structsel.diagnosis.held_out_simulation import (
     simulate_stages,
     window_length,
 )
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import rank
 from structsel.diagnosis.signatures import work_out
 from structsel.effects import EFFECTS
@@ -164,7 +164,7 @@ def test_forces_alone_fly_an_aircraft_without_moments_of_inertia(clean):
 
 def test_without_coefficients_nothing_is_simulated_and_the_reason_is_given():
     plant = SimpleNamespace(channels={"level": np.zeros(5)}, simulated={"level": np.zeros(5)})
-    found = simulate_held_out(SimpleNamespace(bench=SimpleNamespace(flights=(plant,))))
+    found = simulate_held_out(SimpleNamespace(problem=SimpleNamespace(flights=(plant,))))
     assert "no aerodynamic coefficient" in found.reason
     assert found.to_dict() == {"reason": found.reason}
     assert str(found) == f"not simulated in windows: {found.reason}"
@@ -200,7 +200,7 @@ def ranked(name, *effects):
     aircraft = ss.Aircraft.from_toml(folder / "aircraft.toml")
     flights = prepare(str(folder / "simulated"), recordings, aircraft).flights
     library = work_out([h for h in EFFECTS if h.name in effects], flights, flights[0].responses, None)
-    return rank(Bench.set_up(flights, library.signatures), library)
+    return rank(DiagnosisProblem.set_up(flights, library.signatures), library)
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +222,7 @@ def test_with_the_effect_held_out_flights_are_simulated_nearer_to_the_recordings
 
 @needs_examples
 def test_the_simulated_coefficients_are_those_of_the_bars(ground):
-    for problem in (ground.bench, ground.bench.keeping([]), ground.bench.as_delivered):
+    for problem in (ground.problem, ground.problem.subset([]), ground.problem.as_given):
         for m, (r, y, B) in enumerate(zip(problem.rows, problem.base.y, problem.base.B)):
             added = predicted_differences(problem, m, m)
             left = {c: x - added.get(c, 0.0) for c, x in r.flight.difference.items()}
@@ -267,7 +267,7 @@ def test_without_an_effect_taken_in_there_are_two_stages(ground):
 @needs_examples
 def test_only_flights_held_out_are_simulated(ground):
     groups = [(1, 3)]
-    problem = Bench.set_up(ground.bench.flights, (), groups)
+    problem = DiagnosisProblem.set_up(ground.problem.flights, (), groups)
     simulated = list(predictions_by_stage(replace(ground, start=problem, steps=())))
     assert [one.flight.name for one in simulated] == ["m02", "m04"]
 

@@ -10,10 +10,10 @@ from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.driving import input_responses
 from structsel.comparison.locating.turbulence import turbulence_without_vanes
-from structsel.diagnosis.driven import InputDrivenMotion
+from structsel.diagnosis.input_response import InputDrivenMotion
 from structsel.diagnosis.residuals import residuals
 from structsel.diagnosis.scoring import score_all
-from structsel.diagnosis.weighing import alone, nats, not_borne_out, with_whole
+from structsel.diagnosis.weighing import log_bayes, log_bayes_as_given, unconfirmed_log_bayes, with_unconfirmed_weight
 from structsel.numerics.air_data import air_data, body_to_earth
 from structsel.recording import Recording
 from structsel.simulation import Atmosphere, Turbulence, simulate, trim
@@ -73,13 +73,13 @@ EFFECTS = (
 
 def test_an_effect_that_gusts_resemble_is_not_confirmed_by_the_response_to_the_inputs():
     problem, library = tried(blown()[0], *EFFECTS)
-    scores = InputDrivenMotion.of(problem.flights).bear_out(problem, score_all(problem, library))
-    plain = {s.effect: nats(replace(s, driven=None)) for s in scores}
+    scores = InputDrivenMotion.of(problem.flights).confirm(problem, score_all(problem, library))
+    plain = {s.effect: log_bayes(replace(s, input_only=None)) for s in scores}
     assert sum(x > 200.0 for x in plain.values()) >= 5  # a simulation that is right, in air that no vane feels
-    assert max(map(nats, scores)) < 10.0
-    assert max(map(alone, scores)) < 10.0
-    assert max(s.whole for s in scores) == 0.0  # gusts are others in each manoeuvre
-    air = turbulence_without_vanes(problem.flights, residuals(problem), not_borne_out(scores))
+    assert max(map(log_bayes, scores)) < 10.0
+    assert max(map(log_bayes_as_given, scores)) < 10.0
+    assert max(s.unconfirmed_weight for s in scores) == 0.0  # gusts are others in each manoeuvre
+    air = turbulence_without_vanes(problem.flights, residuals(problem), unconfirmed_log_bayes(scores))
     size = np.std(np.concatenate(blown()[1]))
     assert air.sigma["w"] == pytest.approx(size, rel=0.4)
     assert "No vane feels it" in air.says
@@ -87,48 +87,59 @@ def test_an_effect_that_gusts_resemble_is_not_confirmed_by_the_response_to_the_i
 
 def test_an_effect_is_found_in_turbulence_and_in_the_form_that_the_response_to_the_inputs_confirms():
     problem, library = tried(blown(Cl=(("da^3", -20.0),))[0], *EFFECTS)
-    best = max(InputDrivenMotion.of(problem.flights).bear_out(problem, score_all(problem, library)), key=nats)
+    best = max(InputDrivenMotion.of(problem.flights).confirm(problem, score_all(problem, library)), key=log_bayes)
     assert (best.effect, best.signature.variant.about[:2]) == ("control-nonlinearity", "da")
-    assert nats(best) > 15.0
+    assert log_bayes(best) > 15.0
 
 
 def test_calm_air_changes_nothing_of_the_effects():
     problem, library = tried(blown(0.0, Cl=(("da^3", -20.0),))[0], *EFFECTS)
     plain = score_all(problem, library)
-    before, after = max(plain, key=nats), max(InputDrivenMotion.of(problem.flights).bear_out(problem, plain), key=nats)
+    before, after = (
+        max(plain, key=log_bayes),
+        max(InputDrivenMotion.of(problem.flights).confirm(problem, plain), key=log_bayes),
+    )
     assert before.effect == after.effect == "control-nonlinearity"
-    assert nats(after) == pytest.approx(nats(before))
+    assert log_bayes(after) == pytest.approx(log_bayes(before))
 
 
 def test_an_effect_that_explains_all_beyond_the_noise_counts_where_the_inputs_predict_little_of_it():
     problem, library = tried(blown(0.0, Cl=(("da^3", -60.0),))[0], "control-nonlinearity")
     (known,) = score_all(problem, library)
     small = replace(known, log_evidence=4.0, predictive=np.zeros(len(problem.flights)), within=0.0)
-    little = replace(known, driven=small)
-    assert nats(little) == pytest.approx(6.0)
-    (sure,) = with_whole(problem, [little])
-    assert sure.whole > 0.5
-    assert nats(sure) == pytest.approx(sure.whole * nats(known) + (1.0 - sure.whole) * 6.0)
+    little = replace(known, input_only=small)
+    assert log_bayes(little) == pytest.approx(6.0)
+    (sure,) = with_unconfirmed_weight(problem, [little])
+    assert sure.unconfirmed_weight > 0.5
+    assert log_bayes(sure) == pytest.approx(
+        sure.unconfirmed_weight * log_bayes(known) + (1.0 - sure.unconfirmed_weight) * 6.0
+    )
 
 
 def test_calm_air_is_not_reported_as_turbulent():
     problem, library = tried(blown(0.0)[0], *EFFECTS)
-    log_bayes_lost = not_borne_out(InputDrivenMotion.of(problem.flights).bear_out(problem, score_all(problem, library)))
+    log_bayes_lost = unconfirmed_log_bayes(
+        InputDrivenMotion.of(problem.flights).confirm(problem, score_all(problem, library))
+    )
     assert turbulence_without_vanes(problem.flights, residuals(problem), log_bayes_lost) is None
 
 
 def test_a_motion_without_recorded_inputs_is_not_predicted():
     flights = [replace(f, recorded=f.recorded - {"da", "dr"}) for f in blown(0.0, Cl=(("da^3", -20.0),))[0]]
     once_more = InputDrivenMotion.of(flights)
-    assert once_more.foretold == (True, False)
+    assert once_more.excited == (True, False)
     problem, library = tried(flights, "wrong-derivative", "unsteady-lift", "sidewash-lag")
-    scores = once_more.bear_out(problem, score_all(problem, library))
-    sideways = [s for s in scores if s.signature.responses <= {"CY", "Cl", "Cn"} and max(nats(s), alone(s)) > 20.0]
+    scores = once_more.confirm(problem, score_all(problem, library))
+    sideways = [
+        s
+        for s in scores
+        if s.signature.responses <= {"CY", "Cl", "Cn"} and max(log_bayes(s), log_bayes_as_given(s)) > 20.0
+    ]
     assert sideways
-    assert all(s.driven is None for s in sideways)
+    assert all(s.input_only is None for s in sideways)
 
 
 def test_flights_without_inputs_are_left_as_they_are():
     flights = [replace(f, recorded=f.recorded - {"de", "da", "dr", "thrust"}) for f in blown(0.0)[0]]
     assert input_responses(flights) == ()
-    assert InputDrivenMotion.of(flights).foretold == (False, False)
+    assert InputDrivenMotion.of(flights).excited == (False, False)

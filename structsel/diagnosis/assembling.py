@@ -11,12 +11,12 @@ import numpy as np
 from structsel.comparison.locating.region import find_region
 from structsel.comparison.locating.windows import find_intervals
 from structsel.diagnosis import judging
-from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import TIED, Ranking, Step
 from structsel.diagnosis.residuals import contributions
 from structsel.diagnosis.result import LISTED, UNNAMED, Bars, EffectFinding, Physics
 from structsel.diagnosis.scoring import EffectScore
-from structsel.diagnosis.weighing import SLIGHT, jackknifed, told_by
+from structsel.diagnosis.weighing import SLIGHT, jackknifed, judged_on
 from structsel.effects.base import FittedEffect, ParameterEstimate, Variant
 from structsel.numerics.arrays import Array
 
@@ -57,7 +57,7 @@ def gather(ranking: Ranking) -> list[Member]:
     return [Member(tuple(ranking.steps[k] for k in each), tuple(each)) for each in groups.values()]
 
 
-def shares(bench: Bench, members: Sequence[Member]) -> list[float]:
+def shares(problem: DiagnosisProblem, members: Sequence[Member]) -> list[float]:
     """Part of the mismatch that each finding carries: its mean gain over all orders of taking them in.
 
     The gain is in the sum of squares of each response that is judged, as a share of what tolerances leave of it: what
@@ -73,8 +73,10 @@ def shares(bench: Bench, members: Sequence[Member]) -> list[float]:
 
     def left(taken: frozenset[int]) -> Array:
         if taken not in known:
-            rest = bench.keeping([k for i in sorted(taken) for k in members[i].places]).left_in
-            known[taken] = np.array([sum(float(np.sum(e[r.part(c)] ** 2)) for r, e in rest) for c in bench.told])
+            rest = problem.subset([k for i in sorted(taken) for k in members[i].places]).fitted_residuals
+            known[taken] = np.array(
+                [sum(float(np.sum(e[r.part(c)] ** 2)) for r, e in rest) for c in problem.judged_responses]
+            )
         return known[taken]
 
     made = np.zeros(len(members))
@@ -88,17 +90,17 @@ def shares(bench: Bench, members: Sequence[Member]) -> list[float]:
     return [max(0.0, float(x)) for x in made / len(orders)]
 
 
-def estimates(bench: Bench, k: int, score: EffectScore) -> dict[str, ParameterEstimate]:
+def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str, ParameterEstimate]:
     """Parameters of the k-th effect taken in, those of its shape from the weights of its forms."""
-    variant = bench.accepted[k].variant
-    part = bench.place(k)
-    mean = bench.base.posterior.mean[part]
+    variant = problem.accepted[k].variant
+    part = problem.place(k)
+    mean = problem.base.posterior.mean[part]
     # Rows are white as far as the noise is known; what they still miss widens what they say.
-    rows = sum(len(y) for y in bench.base.y)
-    wide = np.sqrt(max(1.0, bench.base.posterior.chi2 / rows))
-    std = np.sqrt(np.diag(bench.base.posterior.covariance[part, part])) * wide
+    rows = sum(len(y) for y in problem.base.y)
+    wide = np.sqrt(max(1.0, problem.base.posterior.chi2 / rows))
+    std = np.sqrt(np.diag(problem.base.posterior.covariance[part, part])) * wide
     if not score.event:  # nor do flights agree with each other as far as noise alone would have it
-        std = np.maximum(std, jackknifed(bench.base.solved[1:, part]))
+        std = np.maximum(std, jackknifed(problem.base.solved[1:, part]))
     alike = [
         (np.log(max(w, 1e-300)), s.variant.shape, t.theta)
         for w, s, t in zip(score.weights, score.signatures, score.trials)
@@ -137,20 +139,20 @@ def found_by(score: EffectScore) -> FittedEffect:
     return FittedEffect(variant, made, {})
 
 
-def noise_rms(bench: Bench) -> dict[str, float]:
+def noise_rms(problem: DiagnosisProblem) -> dict[str, float]:
     """Noise of each response in the compared band, per sample."""
     made = {}
-    for c in bench.responses:
-        power = sum(float(np.sum(1.0 / r.weight[c][1:] ** 2)) for r in bench.rows)
-        made[c] = float(np.sqrt(power / sum(len(r.flight) for r in bench.rows)))
+    for c in problem.responses:
+        power = sum(float(np.sum(1.0 / r.weight[c][1:] ** 2)) for r in problem.rows)
+        made[c] = float(np.sqrt(power / sum(len(r.flight) for r in problem.rows)))
     return made
 
 
-def implausible(variant: Variant, told: Mapping[str, ParameterEstimate]) -> str:
+def implausible(variant: Variant, found: Mapping[str, ParameterEstimate]) -> str:
     """What is implausible about parameters; empty where nothing is."""
     said = []
     for p in variant.parameters:
-        e = told[p.name]
+        e = found[p.name]
         if e.value < p.low - 2.0 * e.std or e.value > p.high + 2.0 * e.std:
             said.append(f"{p.name} {e.value:.3g} lies outside {p.low:g} to {p.high:g} {p.unit}".rstrip(" -"))
     return "; ".join(said)
@@ -158,36 +160,36 @@ def implausible(variant: Variant, told: Mapping[str, ParameterEstimate]) -> str:
 
 def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[EffectFinding]:
     """Findings, the largest share of the mismatch first; fits are cumulative in that order."""
-    bench = ranking.bench
+    problem = ranking.problem
     members = gather(ranking)
     if not members:
         return []
-    plain = bench.as_delivered
-    carried = shares(bench, members)
+    plain = problem.as_given
+    carried = shares(problem, members)
     order = np.argsort(carried)[::-1]
     total = sum(carried)
-    told = bench.told
-    got = judging.measured(bench)
-    delivered = judging.as_delivered(bench)
-    first = judging.fit(got, delivered, told)
-    second = judging.fit(got, judging.refitted(delivered, judging.held_out(bench.keeping([]))), told)
+    responses = problem.judged_responses
+    got = judging.measured(problem)
+    delivered = judging.as_given(problem)
+    first = judging.fit(got, delivered, responses)
+    second = judging.fit(got, judging.refitted(delivered, judging.held_out(problem.subset([]))), responses)
     kept: list[int] = []
-    bare = plain.keeping([])
+    bare = plain.subset([])
     before = judging.held_out(bare)
     made = []
     for i in order:
         member = members[i]
         kept += member.places
-        with_it = judging.held_out(plain.keeping(kept))
-        after = judging.refitted(with_it, judging.held_out(bench.keeping(kept)))
-        third = judging.fit(got, after, told)
-        bars = {c: Bars(first[c], second[c], third[c]) for c in told if c in third}
-        axes = _axes(judging.gains(before, with_it, told), bench, member)
-        parts = contributions(bench, member.places)
-        noise = noise_rms(bench)
-        intervals = find_intervals(bench.flights, parts, noise)
-        region = find_region(bench.flights, parts, noise)
-        physics, ties = _physics(bench, member)
+        with_it = judging.held_out(plain.subset(kept))
+        after = judging.refitted(with_it, judging.held_out(problem.subset(kept)))
+        third = judging.fit(got, after, responses)
+        bars = {c: Bars(first[c], second[c], third[c]) for c in responses if c in third}
+        axes = _axes(judging.gains(before, with_it, responses), problem, member)
+        parts = contributions(problem, member.places)
+        noise = noise_rms(problem)
+        intervals = find_intervals(problem.flights, parts, noise)
+        region = find_region(problem.flights, parts, noise)
+        physics, ties = _physics(problem, member)
         hypothesis = member.steps[0].score.hypothesis
         told_apart = hypothesis.separated_by if ties else ""
         stays = _stays(bare, plain, member, axes)
@@ -213,9 +215,9 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Ef
     return made
 
 
-def _axes(gained: Mapping[str, float], bench: Bench, member: Member) -> tuple[str, ...]:
+def _axes(gained: Mapping[str, float], problem: DiagnosisProblem, member: Member) -> tuple[str, ...]:
     """Responses whose error falls, the clearest first."""
-    touched = {c for k in member.places for c in bench.accepted[k].responses}
+    touched = {c for k in member.places for c in problem.accepted[k].responses}
     mine = {c: g for c, g in gained.items() if c in touched}
     if not mine:
         return tuple(touched)
@@ -224,45 +226,47 @@ def _axes(gained: Mapping[str, float], bench: Bench, member: Member) -> tuple[st
     return tuple(sorted(named, key=lambda c: -mine[c])) or (max(mine, key=lambda c: mine[c]),)
 
 
-def _physics(bench: Bench, member: Member) -> tuple[tuple[Physics, ...], tuple[str, ...]]:
+def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, ...], tuple[str, ...]]:
     step = member.steps[0]
     hypothesis = step.score.hypothesis
-    told = [estimates(bench, k, s.score) for k, s in zip(member.places, member.steps)]
+    fitted = [estimates(problem, k, s.score) for k, s in zip(member.places, member.steps)]
     sizes: dict[str, float] = {}
     says = " ".join(
-        hypothesis.says(FittedEffect(bench.accepted[k].variant, e, sizes)) for k, e in zip(member.places, told)
+        hypothesis.says(FittedEffect(problem.accepted[k].variant, e, sizes)) for k, e in zip(member.places, fitted)
     )
-    chances = dict(step.rivals)
-    merged: dict[str, ParameterEstimate] = dict(told[0])
-    for j, more in enumerate(told[1:], 2):
+    probabilities = dict(step.alternatives)
+    merged: dict[str, ParameterEstimate] = dict(fitted[0])
+    for j, more in enumerate(fitted[1:], 2):
         merged |= {f"{name} ({j})" if name in merged else name: e for name, e in more.items()}
-    terms = tuple(t for k in member.places for t in bench.accepted[k].variant.terms)
-    doubts = "; ".join(filter(None, (implausible(bench.accepted[k].variant, e) for k, e in zip(member.places, told))))
-    best = Physics(
-        step.score.effect, chances.get(step.score.effect, 1.0), says, merged, terms, doubts, hypothesis.check
+    terms = tuple(t for k in member.places for t in problem.accepted[k].variant.terms)
+    doubts = "; ".join(
+        filter(None, (implausible(problem.accepted[k].variant, e) for k, e in zip(member.places, fitted)))
     )
-    rivals = []
+    best = Physics(
+        step.score.effect, probabilities.get(step.score.effect, 1.0), says, merged, terms, doubts, hypothesis.check
+    )
+    alternatives = []
     for score in step.others:
-        p = chances.get(score.effect, 0.0)
+        p = probabilities.get(score.effect, 0.0)
         if score.effect != step.score.effect and p >= LISTED:
             found = found_by(score)
             says_too = score.hypothesis.says(found)
-            rivals.append(Physics(score.effect, p, says_too, found.estimates, score.signature.variant.terms))
-    if chances.get(UNNAMED, 0.0) >= LISTED:
-        rivals.append(Physics(UNNAMED, chances[UNNAMED], "Something that none of them explains."))
-    rivals = sorted(rivals, key=lambda p: -p.probability)[: _RIVALS - 1]
+            alternatives.append(Physics(score.effect, p, says_too, found.estimates, score.signature.variant.terms))
+    if probabilities.get(UNNAMED, 0.0) >= LISTED:
+        alternatives.append(Physics(UNNAMED, probabilities[UNNAMED], "Something that none of them explains."))
+    alternatives = sorted(alternatives, key=lambda p: -p.probability)[: _RIVALS - 1]
     ties = [
         e
-        for e, p in step.rivals
-        if e not in (step.score.effect, "nothing") and p > TIED * chances.get(step.score.effect, 1.0)
+        for e, p in step.alternatives
+        if e not in (step.score.effect, "nothing") and p > TIED * probabilities.get(step.score.effect, 1.0)
     ]
     if step.constant:  # of a constant, only its share in each response tells what it is
         tried = {s.effect for s in step.others}
         ties += [e for e in hypothesis.look_alikes if e in tried and e not in ties]
-    return (best, *rivals), tuple(ties[:_TIES])
+    return (best, *alternatives), tuple(ties[:_TIES])
 
 
-def _stays(bare: Bench, plain: Bench, member: Member, axes: Sequence[str]) -> float:
+def _stays(bare: DiagnosisProblem, plain: DiagnosisProblem, member: Member, axes: Sequence[str]) -> float:
     """Share of what moves beyond the noise that everything found leaves in some responses, as delivered.
 
     What is a mere level has no motion to tell it by.
@@ -270,7 +274,7 @@ def _stays(bare: Bench, plain: Bench, member: Member, axes: Sequence[str]) -> fl
     step = member.steps[0]
     if step.constant:
         return 0.0
-    before, after = (judging.excess(b, *told_by(step.score)) for b in (bare, plain))
+    before, after = (judging.excess(b, *judged_on(step.score)) for b in (bare, plain))
     beyond = sum(max(0.0, before[c][0] - 1.0) for c in axes)
     left = sum(max(0.0, after[c][0] - 1.0 - SLIGHT) for c in axes)
     return min(left / beyond, 1.0) if beyond > 0.0 else 0.0

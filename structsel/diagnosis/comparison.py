@@ -14,8 +14,8 @@ from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import bins_of, edge_of
 from structsel.comparison.preparing import prepare
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.diagnose import but_without, split_flight
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.signatures import Library, work_out
 from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
@@ -133,7 +133,7 @@ class EffectComparison:
         if unknown:
             raise DataError(f"a contribution is given for {unknown[0]}, which is not compared.")
         with threadpool_limits(1):
-            explained = Bench.set_up([_less(f, contribution.get(f.name, {})) for f in self._flights], ())
+            explained = DiagnosisProblem.set_up([_less(f, contribution.get(f.name, {})) for f in self._flights], ())
             rows = [replace(r, flight=f).difference() for r, f in zip(explained.rows, self._flights)]
             base = explained.base
             unexplained = Base(rows, base.given, base.groups, base.scales)

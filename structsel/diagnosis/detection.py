@@ -11,8 +11,8 @@ import scipy
 from structsel.comparison.causal_rows import DELAY, CausalRows, Null, delayed
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.tolerances import Nuisance
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, imitated
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.result import Event
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
@@ -77,8 +77,8 @@ class Detection:
     @property
     def axes(self) -> tuple[str, ...]:
         """Responses in which the mismatch shows, the clearest first."""
-        most = max(self.remainder.values())
-        shown = [c for c, x in self.remainder.items() if x > _SHOWN * most or x == most]
+        largest = max(self.remainder.values())
+        shown = [c for c, x in self.remainder.items() if x > _SHOWN * largest or x == largest]
         return tuple(sorted(shown, key=lambda c: -self.remainder[c]))
 
     @property
@@ -94,7 +94,7 @@ class Detection:
         return float(scipy.special.expit(np.logaddexp(*self.log_odds)))
 
     @property
-    def shares(self) -> list[float]:
+    def cause_probabilities(self) -> list[float]:
         """Of each tolerance that may be exceeded: probability that it is the cause, and alone, where one of them is."""
         each = scipy.special.softmax([one.log_bayes for one in self.tolerances]) if self.tolerances else ()
         return [float(e * one.alone) for e, one in zip(each, self.tolerances)]
@@ -102,9 +102,9 @@ class Detection:
     def by_effect(self, named: Collection[str]) -> dict[str, float]:
         """Shares of the effects that exceeded tolerances are, of those that may be named."""
         made: dict[str, float] = {}
-        for share, one in zip(self.shares, self.tolerances):
+        for probability, one in zip(self.cause_probabilities, self.tolerances):
             if one.effect in named:
-                made[one.effect] = made.get(one.effect, 0.0) + share
+                made[one.effect] = made.get(one.effect, 0.0) + probability
         return made
 
     @property
@@ -141,7 +141,7 @@ class Detection:
         return float(scipy.special.logsumexp([x + np.log(_PRIOR[k]) for k, x in self.parts.items()]))
 
 
-def detect(flights: Sequence[Flight], bench: Bench, identified: bool = False) -> Detection | None:
+def detect(flights: Sequence[Flight], problem: DiagnosisProblem, identified: bool = False) -> Detection | None:
     """Evidence of any mismatch; None where the flights are not those of an aircraft with coefficients.
 
     Parameters
@@ -154,17 +154,17 @@ def detect(flights: Sequence[Flight], bench: Bench, identified: bool = False) ->
     """
     if not set(flights[0].simulated) & set(COEFFICIENTS) or not set(AIRFRAME) <= set(flights[0].channels):
         return None
-    rows = CausalRows(flights, bench.nuisances)
+    rows = CausalRows(flights, problem.nuisances)
     form = _IDENTIFIED if identified else _FORM
     null = rows.null()
     F = features(flights)
     inside = [x[rows.edge : len(x) - rows.edge] for x in F]
     remainder = {c: _remainder(rows, null, c, [x * rows.size[c] for x in inside], form) for c in rows.responses}
     events = [_event(rows, null, i) for i in range(len(flights))]
-    alike = imitated(bench, rows.size, form)
-    ways = exceeded(rows.tolerances, null.mean, null.covariance, form=alike) + exceeded_as_recorded(bench, alike)
+    alike = imitated(problem, rows.size, form)
+    causes = exceeded(rows.tolerances, null.mean, null.covariance, form=alike) + exceeded_as_recorded(problem, alike)
     best: dict[str, ExceededTolerance] = {}
-    for one in sorted(ways, key=lambda one: -one.log_bayes):
+    for one in sorted(causes, key=lambda one: -one.log_bayes):
         best.setdefault(one.tolerance.name, one)
     std = np.sqrt(np.diag(null.covariance))
     deviations = tuple((n, float(m), float(s)) for n, m, s in zip(rows.tolerances, null.mean, std))
@@ -194,26 +194,26 @@ def features(flights: Sequence[Flight]) -> list[Array]:
     for c in _CHANNELS:
         if all(c in f or c in f.channels for f in flights):
             x = [np.asarray(f[c], dtype=float) for f in flights]
-            whole = np.concatenate(x)
-            if np.ptp(whole) > 1e-9 * max(1.0, float(np.abs(whole).max())):
+            together = np.concatenate(x)
+            if np.ptp(together) > 1e-9 * max(1.0, float(np.abs(together).max())):
                 each[c] = [np.log(np.maximum(one, 0.0) + 2.0) for one in x] if c == "h_agl" else x
     columns: list[list[Array]] = []
     weights: list[float] = []
 
     def add(x: list[Array], weight: float, moved: bool, least: float = 0.0) -> None:
-        late = [delayed(one, DELAY) for one in x] if moved else x
-        whole = np.concatenate(late)
-        size = max(float(whole.std()), least)
+        lagged = [delayed(one, DELAY) for one in x] if moved else x
+        together = np.concatenate(lagged)
+        size = max(float(together.std()), least)
         if size > 1e-9:
-            columns.append([(one - whole.mean()) / size for one in late])
+            columns.append([(one - together.mean()) / size for one in lagged])
             weights.append(weight)
 
     unit: dict[str, list[Array]] = {}
     for c, x in each.items():
-        whole = np.concatenate(x)
-        low, high = np.quantile(whole, [0.002, 0.998])
+        together = np.concatenate(x)
+        low, high = np.quantile(together, [0.002, 0.998])
         along = [np.clip((one - low) / max(high - low, 1e-300), -0.05, 1.05) for one in x]
-        unit[c] = [(one - whole.mean()) / whole.std() for one in x]
+        unit[c] = [(one - together.mean()) / together.std() for one in x]
         add(unit[c], 1.0, c in _MOTION)
         for k in range(2, _ORDERS + 1):
             add([np.cos(np.pi * k * one) for one in along], 1.0 / (1.0 + (k / 4.0) ** 2), c in _MOTION)

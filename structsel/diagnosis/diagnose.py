@@ -21,10 +21,10 @@ from structsel.comparison.simulations import require_simulation
 from structsel.comparison.tolerances import Nuisance
 from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
-from structsel.diagnosis.asides import asides
 from structsel.diagnosis.assembling import make_findings
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.detection import Detection, detect
+from structsel.diagnosis.notes import notes
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.residuals import residuals
 from structsel.diagnosis.result import Diagnosis, Pull, Verdict
@@ -32,8 +32,8 @@ from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.selftest import self_test
 from structsel.diagnosis.signatures import Library, work_out
 from structsel.diagnosis.tracing import traces_of
-from structsel.diagnosis.unnamed import detected, find_unknown, turbulent
-from structsel.diagnosis.weighing import not_borne_out
+from structsel.diagnosis.unattributed import detected, find_unknown, turbulent
+from structsel.diagnosis.weighing import unconfirmed_log_bayes
 from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
 from structsel.nomenclature import COEFFICIENTS, suggest
@@ -121,7 +121,7 @@ def but_without(effects: Sequence[Effect], names: Sequence[str]) -> tuple[Effect
 @threadpool_limits.wrap(limits=1)
 def conclude(
     prepared: PreparedComparison,
-    ready: tuple[Bench, Library, TurbulenceEstimate | None],
+    ready: tuple[DiagnosisProblem, Library, TurbulenceEstimate | None],
     held_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
@@ -131,9 +131,9 @@ def conclude(
     from structsel.diagnosis.modelling import corrected_model
     from structsel.diagnosis.separating import with_separation
 
-    bench, library, turbulence = ready
+    problem, library, turbulence = ready
     remarks = list(prepared.remarks)
-    flights, told = bench.flights, bench.told
+    flights, responses = problem.flights, problem.judged_responses
     single = len(prepared.flights) == 1
     if single:
         remarks.append(
@@ -145,26 +145,26 @@ def conclude(
         """A mismatch of any kind, in calm air: in rough air the differences move the aircraft."""
         nonlocal turbulence
         if turbulence is None:
-            turbulence = turbulence_without_vanes(flights, residuals(bench), not_borne_out(scores))
-        return None if turbulence is not None else detect(flights, bench, prepared.simulation.form == "free")
+            turbulence = turbulence_without_vanes(flights, residuals(problem), unconfirmed_log_bayes(scores))
+        return None if turbulence is not None else detect(flights, problem, prepared.simulation.form == "free")
 
-    ranking = rank(bench, library, progress, ask)
+    ranking = rank(problem, library, progress, ask)
     # The learners take a second, and a simulation that lacks nothing does not need them.
-    ceiling = cache(lambda: explainable(flights, [{c: f.difference[c] for c in told} for f in flights]))
+    ceiling = cache(lambda: explainable(flights, [{c: f.difference[c] for c in responses} for f in flights]))
     traces = traces_of(ranking)
-    left = residuals(ranking.bench)
+    left = residuals(ranking.problem)
     findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling() if ranking.steps else {})]
     if turbulence is None:
-        findings += find_unknown(ranking, left, told, ceiling, bool(findings))
+        findings += find_unknown(ranking, left, responses, ceiling, bool(findings))
         if not findings:
-            findings += detected(ranking, told)
+            findings += detected(ranking, responses)
     verdict: Verdict = "mismatch" if findings else "consistent"
     if single and findings:
         verdict = "undecidable"
     if ranking.steps:
         turbulence = find_turbulence(flights, left)
     if turbulence is not None and turbulence.explained > _LISTED:
-        findings.append(turbulent(turbulence, ranking, told))
+        findings.append(turbulent(turbulence, ranking, responses))
     replayed = simulate_held_out(ranking)
     corrected = corrected_model(prepared, ranking) if ranking.steps else None
     remarks += corrected.remarks if corrected is not None else ()
@@ -172,10 +172,10 @@ def conclude(
     if ranking.detection is not None and not findings:
         pulls = _pulls(ranking.detection.deviations)
     else:
-        judged = (turbulence and ranking.driven) or ranking.bench
-        pulls = _pulls(zip(judged.nuisances, *judged.pulled))
-    remaining = _remaining(ranking, told)
-    remarks += [*strained(pulls), *asides(ranking), *drowned(remaining)]
+        judged = (turbulence and ranking.input_only) or ranking.problem
+        pulls = _pulls(zip(judged.nuisances, *judged.deviations))
+    remaining = _remaining(ranking, responses)
+    remarks += [*strained(pulls), *notes(ranking), *unpredicted(remaining)]
     return Diagnosis(
         verdict,
         tuple(findings),
@@ -184,7 +184,7 @@ def conclude(
         pulls,
         tuple(remarks),
         prepared.simulation.form,
-        tuple(told),
+        tuple(responses),
         tuple(f.name for f in prepared.flights),
         tuple(held_out),
         prepared.simulation.model if corrected is None else corrected,
@@ -192,7 +192,7 @@ def conclude(
         self_test(ranking.start, library),
         replayed=replayed,
         considered=1.0 - dict(ranking.considered)["nothing"],
-        levels=_levels(ranking.bench, told),
+        levels=_levels(ranking.problem, responses),
     )
 
 
@@ -201,13 +201,13 @@ def set_up(
     effects: Sequence[Effect] = EFFECTS,
     held_out: Sequence[str] = (),
     progress: Progress | None = None,
-) -> tuple[Bench, Library, TurbulenceEstimate | None]:
+) -> tuple[DiagnosisProblem, Library, TurbulenceEstimate | None]:
     """Bench of flights, or of the parts of a single one; what can be tried there; and whether the air was rough."""
     parts = split_flight(flights[0]) if len(flights) == 1 else list(flights)
     groups = _groups([f.name for f in parts], held_out)
     library = work_out(effects, parts, parts[0].responses, progress)
-    bench = Bench.set_up(parts, library.signatures, groups)
-    return bench, library, find_turbulence(parts, residuals(bench))
+    problem = DiagnosisProblem.set_up(parts, library.signatures, groups)
+    return problem, library, find_turbulence(parts, residuals(problem))
 
 
 def split_flight(flight: Flight) -> list[Flight]:
@@ -247,10 +247,10 @@ def _pulls(deviations: Iterable[tuple[Nuisance, float, float]]) -> tuple[Pull, .
     return tuple(Pull(n.name, x, x * n.sd, std * n.sd, n.unit) for n, x, std in stated[:_HARDEST])
 
 
-def _levels(bench: Bench, told: Sequence[str]) -> dict[str, float]:
+def _levels(problem: DiagnosisProblem, responses: Sequence[str]) -> dict[str, float]:
     """Constant part of what is left of each response, mean over the flights."""
-    left_of = bench.left_out
-    levels = {c: [x[r.part(c)][0] / r.weight[c][0] / np.sqrt(len(r.flight)) for r, x in left_of] for c in told}
+    left_of = problem.held_out_residuals
+    levels = {c: [x[r.part(c)][0] / r.weight[c][0] / np.sqrt(len(r.flight)) for r, x in left_of] for c in responses}
     return {c: float(np.mean(each)) for c, each in levels.items()}
 
 
@@ -264,7 +264,7 @@ def strained(pulls: Sequence[Pull]) -> list[str]:
     ]
 
 
-def drowned(remaining: Mapping[str, tuple[float, bool]]) -> list[str]:
+def unpredicted(remaining: Mapping[str, tuple[float, bool]]) -> list[str]:
     """A remark on responses of which little was foretold: in them hardly anything could be seen to be missing."""
     much = [f"{c} {left:.2f}" for c, (left, _) in remaining.items() if left > _DROWNED]
     if not much:
@@ -275,8 +275,8 @@ def drowned(remaining: Mapping[str, tuple[float, bool]]) -> list[str]:
     ]
 
 
-def _remaining(ranking: Ranking, told: Sequence[str]) -> dict[str, tuple[float, bool]]:
-    bench = ranking.bench
-    after = judging.refitted(judging.held_out(bench.as_delivered), judging.held_out(bench))
-    left = judging.fit(judging.measured(bench), after, told)
-    return {c: (left[c].rrmse, judging.is_noise(bench, c)) for c in told if c in left}
+def _remaining(ranking: Ranking, responses: Sequence[str]) -> dict[str, tuple[float, bool]]:
+    problem = ranking.problem
+    after = judging.refitted(judging.held_out(problem.as_given), judging.held_out(problem))
+    left = judging.fit(judging.measured(problem), after, responses)
+    return {c: (left[c].rrmse, judging.is_noise(problem, c)) for c in responses if c in left}

@@ -9,8 +9,8 @@ import numpy as np
 import scipy
 
 from structsel.comparison.tolerances import Nuisance
-from structsel.diagnosis.bench import Bench
-from structsel.diagnosis.residuals import white_share
+from structsel.diagnosis.problem import DiagnosisProblem
+from structsel.diagnosis.residuals import white_fraction
 from structsel.effects.base import ParameterEstimate
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import wider_priors
@@ -116,7 +116,7 @@ def exceeded(
     return tuple(made)
 
 
-def imitated(bench: Bench, size: Mapping[str, float], form: float) -> dict[str, float]:
+def imitated(problem: DiagnosisProblem, size: Mapping[str, float], form: float) -> dict[str, float]:
     """Stated tolerances by which each may seem off because of the form of the simulation.
 
     Parameters
@@ -128,24 +128,28 @@ def imitated(bench: Bench, size: Mapping[str, float], form: float) -> dict[str, 
         What the form of the simulation leaves, of that.
     """
     made = {}
-    for n in bench.nuisances:
+    for n in problem.nuisances:
         power = {c: np.mean(np.concatenate([x[c] for x in n.columns if c in x]) ** 2) for x in n.columns for c in x}
         shows = max((n.sd * np.sqrt(p) / size[c] for c, p in power.items() if c in size), default=0.0)
         made[n.name] = form / max(shows, 1e-3 * form)
     return made
 
 
-def exceeded_as_recorded(bench: Bench, form: Mapping[str, float] | None = None) -> tuple[ExceededTolerance, ...]:
+def exceeded_as_recorded(
+    problem: DiagnosisProblem, form: Mapping[str, float] | None = None
+) -> tuple[ExceededTolerance, ...]:
     """The same on rows that look both ways, as far as what is left cannot have caused the motion.
 
     White noise of the instruments moves no aircraft; of anything else that is left of the forces the motion may be a
     consequence. So the evidence counts in proportion to the share of the white noise.
     """
-    k = len(bench.nuisances)
-    base = bench.base
+    k = len(problem.nuisances)
+    base = problem.base
     scale = np.ones(len(base.posterior.mean))
     scale[:k] = base.scales[base.chosen][:k]
-    return exceeded(bench.nuisances, base.posterior.mean, base.posterior.covariance, scale, white_share(bench), form)
+    return exceeded(
+        problem.nuisances, base.posterior.mean, base.posterior.covariance, scale, white_fraction(problem), form
+    )
 
 
 def _log_bayes(mean: Array, variance: Array, scale: Array) -> Array:

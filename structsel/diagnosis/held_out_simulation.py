@@ -17,8 +17,8 @@ from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.noise import edge_of
 from structsel.comparison.responses import respond
 from structsel.diagnosis import judging
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.held_out_result import ChannelScores, ExampleWindows, HeldOutSimulation, WindowScore
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking
 from structsel.diagnosis.residuals import contribution
 from structsel.errors import DomainError
@@ -68,7 +68,7 @@ def simulate_held_out(ranking: Ranking) -> HeldOutSimulation:
     HeldOutSimulation
         Without rows, and with the reason, where there is nothing to simulate.
     """
-    flights = ranking.bench.flights
+    flights = ranking.problem.flights
     if not set(AIRFRAME) <= set(flights[0].channels) or not set(flights[0].simulated) & set(COEFFICIENTS):
         return HeldOutSimulation(
             reason="the simulation gives no aerodynamic coefficient, and no motion follows from anything else"
@@ -84,20 +84,20 @@ def predictions_by_stage(ranking: Ranking) -> Iterator[PredictedCoefficients]:
     Mean levels are those measured, at all stages: constant biases differ in each recording. Without an accepted effect
     there are two stages.
     """
-    bench = ranking.bench
-    plain, tuned = bench.as_delivered, bench.keeping([])
-    refitted = _better(judging.as_delivered(bench), judging.held_out(tuned))
-    with_it = _better(judging.held_out(plain), judging.held_out(bench))
-    for g, group in enumerate(bench.base.groups):
+    problem = ranking.problem
+    plain, tuned = problem.as_given, problem.subset([])
+    refitted = _better(judging.as_given(problem), judging.held_out(tuned))
+    with_it = _better(judging.held_out(plain), judging.held_out(problem))
+    for g, group in enumerate(problem.base.groups):
         for m in group:
-            f = bench.flights[m]
+            f = problem.flights[m]
             tuning = predicted_differences(tuned, g, m)
             added: dict[str, Mapping[str, Array]] = {
                 "delivered": {},
                 "refitted": {c: x for c, x in tuning.items() if c in refitted},
             }
-            if bench.accepted:
-                alone, whole = predicted_differences(plain, g, m), predicted_differences(bench, g, m)
+            if problem.accepted:
+                alone, whole = predicted_differences(plain, g, m), predicted_differences(problem, g, m)
                 added["physics"] = alone | {c: x for c, x in whole.items() if c in with_it}
             yield PredictedCoefficients(f, {stage: _levelled(f, more) for stage, more in added.items()})
 
@@ -107,13 +107,13 @@ def _better(one: judging.Residuals, other: judging.Residuals) -> set[str]:
     return {c for c in other[0] if judging.rms(other, c) < judging.rms(one, c)}
 
 
-def predicted_differences(bench: Bench, g: int, m: int) -> dict[str, Array]:
+def predicted_differences(problem: DiagnosisProblem, g: int, m: int) -> dict[str, Array]:
     """Contribution of tolerances and effects to each response of flight m, estimated on the flights outside group g."""
-    f = bench.flights[m]
-    known = bench.base.scales[bench.base.chosen] * bench.base.solved[g + 1]
-    parts = [{c: x * n.sd * column for c, column in n.columns[m].items()} for n, x in zip(bench.nuisances, known)]
-    for k, s in enumerate(bench.accepted):
-        theta = known[bench.place(k)] * np.array([p.sd for p in s.variant.parameters])
+    f = problem.flights[m]
+    known = problem.base.scales[problem.base.chosen] * problem.base.solved[g + 1]
+    parts = [{c: x * n.sd * column for c, column in n.columns[m].items()} for n, x in zip(problem.nuisances, known)]
+    for k, s in enumerate(problem.accepted):
+        theta = known[problem.place(k)] * np.array([p.sd for p in s.variant.parameters])
         parts.append(contribution(f, s.variant, theta))
     made: dict[str, Array] = {}
     for part in parts:

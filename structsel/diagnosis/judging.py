@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from structsel.comparison.noise import Rows, edge_of
-from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import spectrum
 
@@ -19,17 +19,17 @@ Residuals = list[dict[str, Array]]
 """Per flight: cosine coefficients in each response's unit; the level, which constant biases move, is left out."""
 
 
-def measured(bench: Bench) -> Residuals:
+def measured(problem: DiagnosisProblem) -> Residuals:
     """What was measured, on the flights that are held out."""
-    return [_spectra(bench, m, bench.flights[m].measured) for group in bench.base.groups for m in group]
+    return [_spectra(problem, m, problem.flights[m].measured) for group in problem.base.groups for m in group]
 
 
-def as_delivered(bench: Bench) -> Residuals:
+def as_given(problem: DiagnosisProblem) -> Residuals:
     """Differences from the simulation as it came."""
-    return [_spectra(bench, m, bench.flights[m].difference) for group in bench.base.groups for m in group]
+    return [_spectra(problem, m, problem.flights[m].difference) for group in problem.base.groups for m in group]
 
 
-def held_out(bench: Bench, level: bool = False) -> Residuals:
+def held_out(problem: DiagnosisProblem, level: bool = False) -> Residuals:
     """What tolerances and the effects taken in leave, their parameters found on the other flights.
 
     Parameters
@@ -39,12 +39,15 @@ def held_out(bench: Bench, level: bool = False) -> Residuals:
         With the level, as far as constant biases do not account for it.
     """
     first = 0 if level else 1
-    return [{c: (left[r.part(c)] / r.weight[c])[first:] for c in bench.responses} for r, left in bench.left_out]
+    return [
+        {c: (left[r.part(c)] / r.weight[c])[first:] for c in problem.responses}
+        for r, left in problem.held_out_residuals
+    ]
 
 
-def _spectra(bench: Bench, m: int, signals: Mapping[str, Array]) -> dict[str, Array]:
-    r = bench.rows[m]
-    return {c: spectrum(signals[c], r.bins, edge_of(r.flight))[1:] for c in bench.responses}
+def _spectra(problem: DiagnosisProblem, m: int, signals: Mapping[str, Array]) -> dict[str, Array]:
+    r = problem.rows[m]
+    return {c: spectrum(signals[c], r.bins, edge_of(r.flight))[1:] for c in problem.responses}
 
 
 def rms(parts: Residuals, response: str) -> float:
@@ -53,7 +56,7 @@ def rms(parts: Residuals, response: str) -> float:
 
 
 def excess(
-    bench: Bench, foretold: bool = True, flights: Collection[str] | None = None
+    problem: DiagnosisProblem, predicted: bool = True, flights: Collection[str] | None = None
 ) -> dict[str, tuple[float, float]]:
     """Mean square of what is left of each response, in units of the noise; 1 is noise alone.
 
@@ -70,10 +73,10 @@ def excess(
     mapping of response to (motion, level)
         Of all that moves, and of the level, in units of noise and constant biases.
     """
-    left_of = _left_of(bench, foretold, flights)
+    left_of = _left_of(problem, predicted, flights)
     rows = sum(r.size - 1 for r, _ in left_of)
     made = {}
-    for c in bench.responses:
+    for c in problem.responses:
         parts = [left[r.part(c)] for r, left in left_of]
         motion = sum(float(x[1:] @ x[1:]) for x in parts) / rows
         made[c] = (motion, float(np.mean([x[0] ** 2 for x in parts])))
@@ -81,14 +84,17 @@ def excess(
 
 
 def excess_where_moved(
-    without: Bench, beside: Bench, foretold: bool = True, flights: Collection[str] | None = None
+    without: DiagnosisProblem,
+    extended: DiagnosisProblem,
+    predicted: bool = True,
+    flights: Collection[str] | None = None,
 ) -> dict[str, tuple[float, float]]:
     """Mean square of what is left without an effect and beside it, each moment weighed by the square of what it does.
 
     In units of the noise, of each response that it moves; the cosine coefficients of white rows are turned back into
     moments, which are white as well. Other parameters as for `excess`.
     """
-    pairs = list(zip(_left_of(without, foretold, flights), _left_of(beside, foretold, flights)))
+    pairs = list(zip(_left_of(without, predicted, flights), _left_of(extended, predicted, flights)))
     made = {}
     for c in without.responses:
         one, other = (
@@ -102,23 +108,23 @@ def excess_where_moved(
     return made
 
 
-def _left_of(bench: Bench, foretold: bool, flights: Collection[str] | None) -> list[tuple[Rows, Array]]:
+def _left_of(problem: DiagnosisProblem, predicted: bool, flights: Collection[str] | None) -> list[tuple[Rows, Array]]:
     """White rows that are left of each flight that counts."""
-    left_of = bench.left_out if foretold else bench.left_in
+    left_of = problem.held_out_residuals if predicted else problem.fitted_residuals
     return left_of if flights is None else [(r, left) for r, left in left_of if r.flight.name in flights]
 
 
-def is_noise(bench: Bench, response: str) -> bool:
+def is_noise(problem: DiagnosisProblem, response: str) -> bool:
     """Whether what all flights together leave of a response is no more than its noise."""
-    rows = np.concatenate([left[r.part(response)] for r, left in bench.left_in])
+    rows = np.concatenate([left[r.part(response)] for r, left in problem.fitted_residuals])
     return bool(np.mean(rows**2) < _WHITE)
 
 
 def explained(delivered: Residuals, after: Residuals, axes: Sequence[str]) -> float:
     """Share of the variance of the differences explained on flights not used for fitting, mean over the axes."""
     sizes = {c: rms(delivered, c) for c in axes}
-    shares = [1.0 - (rms(after, c) / size) ** 2 for c, size in sizes.items() if size > 0.0]
-    return float(np.clip(np.mean(shares), 0.0, 1.0)) if shares else 0.0
+    fractions = [1.0 - (rms(after, c) / size) ** 2 for c, size in sizes.items() if size > 0.0]
+    return float(np.clip(np.mean(fractions), 0.0, 1.0)) if fractions else 0.0
 
 
 @dataclass(frozen=True)
@@ -148,9 +154,9 @@ def fit(got: Residuals, left: Residuals, responses: Sequence[str]) -> dict[str, 
         e = np.concatenate([g[c] for g in left])
         size = float(np.sqrt(y @ y))
         error = float(np.sqrt(e @ e))
-        told = float(np.linalg.norm(y - e))
+        predicted = float(np.linalg.norm(y - e))
         if size > 0.0:
-            made[c] = ResponseFit(1.0 - (error / size) ** 2, error / size, error / (size + told))
+            made[c] = ResponseFit(1.0 - (error / size) ** 2, error / size, error / (size + predicted))
     return made
 
 

@@ -45,8 +45,8 @@ def exact_terms(variant: Variant, flights: Sequence[Flight]) -> dict[str, dict[T
     for response in responses:
         y = np.concatenate([each.get(response, np.zeros((len(f), len(variant.parameters))))
                             for f, each in zip(flights, columns)])  # fmt: skip
-        beside = [Term("1"), *(Term(c) for c in CHANNELS_OF.get(response, ()) if moves(flights, c))]
-        for tried in (named, [*named, *turned], [*named, *turned, *beside], [Term("1")]):
+        further = [Term("1"), *(Term(c) for c in CHANNELS_OF.get(response, ()) if moves(flights, c))]
+        for tried in (named, [*named, *turned], [*named, *turned, *further], [Term("1")]):
             if tried and (weights := _match(list(dict.fromkeys(tried)), flights, y)) is not None:
                 found[response] = weights
                 break

@@ -41,7 +41,7 @@ def corrected_model(prepared: PreparedComparison, ranking: Ranking) -> Corrected
     stand for it. To these comes each effect: as terms with the values found, as states with dynamics of their own that
     terms follow, or, where it has neither, by terms that stand for what it amounts to along the recordings.
     """
-    bench, flights = ranking.bench, ranking.bench.flights
+    problem, flights = ranking.problem, ranking.problem.flights
     responses = [c for c in flights[0].simulated if c in COEFFICIENTS]
     own, stand_in = prepared.simulation.model, prepared.flights[0].surrogate
     if not responses or stand_in is None:
@@ -53,25 +53,25 @@ def corrected_model(prepared: PreparedComparison, ranking: Ranking) -> Corrected
         name = "simulation with the physics it left out"
     made = Extended(base, flights)
     additions, remarks = [], []
-    for k, (step, signature) in enumerate(zip(ranking.steps, bench.accepted)):
-        told = estimates(bench, k, step.score)
+    for k, (step, signature) in enumerate(zip(ranking.steps, problem.accepted)):
+        estimated = estimates(problem, k, step.score)
         names = [p.name for p in signature.variant.parameters]
         sds = np.array([p.sd for p in signature.variant.parameters])
-        part = bench.place(k)
-        spread = bench.base.posterior.covariance[part, part]
+        part = problem.place(k)
+        spread = problem.base.posterior.covariance[part, part]
         # As wide as the parameters are said to be.
-        wide = np.array([told[n].std for n in names]) / np.sqrt(np.diag(spread))
+        wide = np.array([estimated[n].std for n in names]) / np.sqrt(np.diag(spread))
         one = addition_of(
             signature.hypothesis,
-            ModelCase(signature.variant, told, flights[0].aircraft, base, flights),
-            bench.base.posterior.mean[part] * sds,
+            ModelCase(signature.variant, estimated, flights[0].aircraft, base, flights),
+            problem.base.posterior.mean[part] * sds,
             spread * np.outer(wide, wide),
         )
         additions.append(one)
         if one.remark:
             remarks.append(one.remark)
         elif not one.is_known or not made.take(one):
-            remarks.append(made.stand_for(one.effect, contributions(bench, [k])))
+            remarks.append(made.stand_for(one.effect, contributions(problem, [k])))
     patched = None
     if prepared.simulation.form == "jsbsim":
         patched = patched_aircraft(

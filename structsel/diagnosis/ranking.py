@@ -8,19 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import softmax
 
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.detection import SCALE, Detection
-from structsel.diagnosis.driven import InputDrivenMotion
-from structsel.diagnosis.residuals import white_share
+from structsel.diagnosis.input_response import InputDrivenMotion
+from structsel.diagnosis.problem import DiagnosisProblem
+from structsel.diagnosis.residuals import white_fraction
 from structsel.diagnosis.result import UNNAMED
 from structsel.diagnosis.scoring import EffectScore, score_all
 from structsel.diagnosis.signatures import Library
-from structsel.diagnosis.weighing import Weighed, chances, first_chances, nats, weigh
+from structsel.diagnosis.weighing import (
+    CandidateEffect,
+    candidate_effects,
+    first_probabilities,
+    log_bayes,
+    probabilities,
+)
 from structsel.numerics.arrays import Array
 
-MOST = 4
+MAX_EFFECTS = 4
 """Effects that are looked for."""
-_PLACES = 8
+_MAX_PLACES = 8
 """And how often, of which several may be the same effect in several places."""
 NAMED = 0.5
 """Probability that something is there, from which on the likeliest is named."""
@@ -48,8 +54,8 @@ class Step:
     """
 
     score: EffectScore
-    rivals: tuple[tuple[str, float], ...]
-    bench: Bench
+    alternatives: tuple[tuple[str, float], ...]
+    problem: DiagnosisProblem
     others: tuple[EffectScore, ...] = ()
     constant: bool = False
 
@@ -75,7 +81,7 @@ class Ranking:
         Of any mismatch, where it was asked for.
     """
 
-    start: Bench
+    start: DiagnosisProblem
     steps: tuple[Step, ...]
     scores: tuple[EffectScore, ...] = ()
     motion: InputDrivenMotion | None = None
@@ -84,18 +90,18 @@ class Ranking:
     detection: Detection | None = None
 
     @property
-    def bench(self) -> Bench:
+    def problem(self) -> DiagnosisProblem:
         """With everything found taken in."""
-        return self.steps[-1].bench if self.steps else self.start
+        return self.steps[-1].problem if self.steps else self.start
 
     @property
-    def driven(self) -> Bench | None:
+    def input_only(self) -> DiagnosisProblem | None:
         """As `bench`, of flights that move as the inputs alone would have them; None where none was needed."""
-        return None if self.motion is None else self.motion.beside(self.bench.accepted)
+        return None if self.motion is None else self.motion.with_effects(self.problem.accepted)
 
 
 def rank(
-    bench: Bench,
+    problem: DiagnosisProblem,
     library: Library,
     progress: Progress | None = None,
     ask: Callable[[Sequence[EffectScore]], Detection | None] | None = None,
@@ -111,43 +117,43 @@ def rank(
         Given the scores of all effects where none is probable, gives the detection of any mismatch, or None.
     """
     tell = progress or (lambda what, done, of: None)
-    start, driven = bench, InputDrivenMotion.of(bench.flights)
+    start, motion = problem, InputDrivenMotion.of(problem.flights)
     steps: list[Step] = []
     scores: list[EffectScore] = []
     considered: tuple[tuple[str, float], ...] = (("nothing", 1.0),)
-    asked: list[Weighed] = []
+    asked: list[CandidateEffect] = []
     seen: Detection | None = None
-    while (k := len({s.score.effect for s in steps})) < MOST and len(steps) < _PLACES:
-        tell("ranking", k, MOST)
-        scores = driven.bear_out(bench, score_all(bench, library))
-        weighed = weigh(bench, scores)
+    while (k := len({s.score.effect for s in steps})) < MAX_EFFECTS and len(steps) < _MAX_PLACES:
+        tell("ranking", k, MAX_EFFECTS)
+        scores = motion.confirm(problem, score_all(problem, library))
+        candidates = candidate_effects(problem, scores)
         if steps:
-            weighed = [one for one in weighed if one.lowers]
-            p = _by_name(weighed, chances(weighed))
+            candidates = [one for one in candidates if one.lowers]
+            p = _by_name(candidates, probabilities(candidates))
         else:
-            p = _by_name(weighed, first_chances(weighed, white_share(bench)))
+            p = _by_name(candidates, first_probabilities(candidates, white_fraction(problem)))
             if 1.0 - p["nothing"] < NAMED and ask is not None and (seen := ask(scores)) is not None:
-                p = with_detection(p, seen, weighed, {s.effect for s in scores})
-        weighed.sort(key=lambda one: -p[one.effect])
-        rivals = tuple(sorted(p.items(), key=lambda item: -item[1]))
-        first = next((name for name, _ in rivals if name != "nothing"), "")
-        if 1.0 - p["nothing"] < NAMED or not weighed or first != weighed[0].effect:
-            considered, asked = rivals, weighed
+                p = with_detection(p, seen, candidates, {s.effect for s in scores})
+        candidates.sort(key=lambda one: -p[one.effect])
+        alternatives = tuple(sorted(p.items(), key=lambda item: -item[1]))
+        first = next((name for name, _ in alternatives if name != "nothing"), "")
+        if 1.0 - p["nothing"] < NAMED or not candidates or first != candidates[0].effect:
+            considered, asked = alternatives, candidates
             break
-        best = weighed[0]
-        bench = bench.taking([*bench.accepted, best.score.signature], library.signatures)
-        steps.append(Step(best.score, rivals, bench, tuple(w.score for w in weighed), best.constant))
-    tell("ranking", MOST, MOST)
+        best = candidates[0]
+        problem = problem.with_effects([*problem.accepted, best.score.signature], library.signatures)
+        steps.append(Step(best.score, alternatives, problem, tuple(w.score for w in candidates), best.constant))
+    tell("ranking", MAX_EFFECTS, MAX_EFFECTS)
     others = tuple(w.score for w in asked)
-    return Ranking(start, tuple(steps), tuple(scores), driven, considered, others, seen)
+    return Ranking(start, tuple(steps), tuple(scores), motion, considered, others, seen)
 
 
-def _by_name(weighed: Sequence[Weighed], p: Array) -> dict[str, float]:
-    return {"nothing": float(p[0])} | {one.effect: float(x) for one, x in zip(weighed, p[1:])}
+def _by_name(candidates: Sequence[CandidateEffect], p: Array) -> dict[str, float]:
+    return {"nothing": float(p[0])} | {one.effect: float(x) for one, x in zip(candidates, p[1:])}
 
 
 def with_detection(
-    p: Mapping[str, float], seen: Detection, weighed: Sequence[Weighed], named: Collection[str]
+    p: Mapping[str, float], seen: Detection, candidates: Sequence[CandidateEffect], named: Collection[str]
 ) -> dict[str, float]:
     """Probabilities where a mismatch of any kind was looked for, "unknown" among them.
 
@@ -166,11 +172,11 @@ def with_detection(
     """
     beyond = p["nothing"] * seen.probability
     made = dict(p) | {"nothing": p["nothing"] - beyond}
-    most = max((nats(one.score) for one in weighed), default=-np.inf)
+    largest = max((log_bayes(one.score) for one in candidates), default=-np.inf)
     exceeded = seen.tolerances[0].log_bayes if seen.tolerances else -np.inf
-    of_effects, of_tolerances, _ = beyond * softmax(np.array([most, exceeded, seen.log_bayes]) / SCALE)
-    for one, share in zip(weighed, softmax([one.log_odds for one in weighed]) if weighed else ()):
-        made[one.effect] += float(of_effects * share)
-    for effect, share in seen.by_effect(named).items():
-        made[effect] = made.get(effect, 0.0) + float(of_tolerances * share)
+    of_effects, of_tolerances, _ = beyond * softmax(np.array([largest, exceeded, seen.log_bayes]) / SCALE)
+    for one, fraction in zip(candidates, softmax([one.log_odds for one in candidates]) if candidates else ()):
+        made[one.effect] += float(of_effects * fraction)
+    for effect, fraction in seen.by_effect(named).items():
+        made[effect] = made.get(effect, 0.0) + float(of_tolerances * fraction)
     return made | {UNNAMED: max(0.0, 1.0 - sum(made.values()))}

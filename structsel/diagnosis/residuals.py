@@ -8,7 +8,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.turbulence import coloured_fractions
-from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.effects.base import Variant
 from structsel.numerics.arrays import Array
 
@@ -18,45 +18,45 @@ def contribution(flight: Flight, variant: Variant, theta: Array) -> dict[str, Ar
     return {c: (x if x.ndim == 2 else x[:, None]) @ theta for c, x in variant.columns(flight).items()}
 
 
-def contributions(bench: Bench, places: Sequence[int]) -> list[dict[str, Array]]:
+def contributions(problem: DiagnosisProblem, places: Sequence[int]) -> list[dict[str, Array]]:
     """What some of the effects taken in add to the differences, per flight."""
     made: list[dict[str, Array]] = []
-    for f in bench.flights:
+    for f in problem.flights:
         total: dict[str, Array] = {}
         for k in places:
-            variant = bench.accepted[k].variant
-            theta = bench.base.posterior.mean[bench.place(k)] * np.array([p.sd for p in variant.parameters])
+            variant = problem.accepted[k].variant
+            theta = problem.base.posterior.mean[problem.place(k)] * np.array([p.sd for p in variant.parameters])
             for c, x in contribution(f, variant, theta).items():
                 total[c] = total.get(c, 0.0) + x
-        made.append({c: np.asarray(x) for c, x in total.items() if c in bench.responses})
+        made.append({c: np.asarray(x) for c, x in total.items() if c in problem.responses})
     return made
 
 
-def residuals(bench: Bench) -> list[dict[str, Array]]:
+def residuals(problem: DiagnosisProblem) -> list[dict[str, Array]]:
     """What neither tolerances nor the effects taken in explain, per flight and response, at all frequencies."""
-    moved = moved_by_tolerances(bench)
-    effects = contributions(bench, range(len(bench.accepted)))
+    moved = moved_by_tolerances(problem)
+    effects = contributions(problem, range(len(problem.accepted)))
     return [
         {c: x - m.get(c, 0.0) - e.get(c, 0.0) for c, x in f.difference.items()}
-        for f, m, e in zip(bench.flights, moved, effects)
+        for f, m, e in zip(problem.flights, moved, effects)
     ]
 
 
-def white_share(bench: Bench) -> float:
+def white_fraction(problem: DiagnosisProblem) -> float:
     """Share of white noise in what is left of the force that has the least of it; zero where there is no force.
 
     White noise of the instruments moves no aircraft; of anything else that is left the motion may be a consequence.
     """
-    return 1.0 - max(coloured_fractions(bench.flights, residuals(bench)).values(), default=1.0)
+    return 1.0 - max(coloured_fractions(problem.flights, residuals(problem)).values(), default=1.0)
 
 
-def moved_by_tolerances(bench: Bench) -> list[dict[str, Array]]:
+def moved_by_tolerances(problem: DiagnosisProblem) -> list[dict[str, Array]]:
     """What the tolerances, pulled as they are, add to the differences."""
-    pulled, _ = bench.pulled
+    deviations, _ = problem.deviations
     made = []
-    for i, f in enumerate(bench.flights):
+    for i, f in enumerate(problem.flights):
         total = {c: np.zeros(len(f)) for c in f.difference}
-        for n, x in zip(bench.nuisances, pulled):
+        for n, x in zip(problem.nuisances, deviations):
             for c, column in n.columns[i].items():
                 if c in total:
                     total[c] = total[c] + x * n.sd * column

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.signatures import Library, Signature
 from structsel.effects.base import Effect
 from structsel.numerics.arrays import Array
@@ -59,8 +59,8 @@ class EffectScore:
     within: float
     best: int
     own: float
-    driven: EffectScore | None = None
-    whole: float = 0.0
+    input_only: EffectScore | None = None
+    unconfirmed_weight: float = 0.0
 
     @property
     def effect(self) -> str:
@@ -84,15 +84,17 @@ class EffectScore:
         return self.trials[self.best]
 
 
-def score_all(bench: Bench, library: Library) -> list[EffectScore]:
+def score_all(problem: DiagnosisProblem, library: Library) -> list[EffectScore]:
     """Scores of every hypothesis that can be tried, best evidence first."""
     by_effect = [(h, library.of(h.name)) for h in library.effects]
-    trials = iter(bench.try_signatures([s for _, forms in by_effect for s in forms]))
-    made = [score(bench, h, forms, [next(trials) for _ in forms]) for h, forms in by_effect]
+    trials = iter(problem.try_signatures([s for _, forms in by_effect for s in forms]))
+    made = [score(problem, h, forms, [next(trials) for _ in forms]) for h, forms in by_effect]
     return sorted(made, key=lambda s: -s.log_evidence)
 
 
-def score(bench: Bench, hypothesis: Effect, forms: Sequence[Signature], trials: Sequence[Trial]) -> EffectScore:
+def score(
+    problem: DiagnosisProblem, hypothesis: Effect, forms: Sequence[Signature], trials: Sequence[Trial]
+) -> EffectScore:
     """Score of one hypothesis from the trials of its forms."""
     within = np.array([_limited(s, t) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within
@@ -104,8 +106,8 @@ def score(bench: Bench, hypothesis: Effect, forms: Sequence[Signature], trials: 
     without = without - scipy.special.logsumexp(without, axis=0)
     predictive = scipy.special.logsumexp(without + ahead, axis=0)
     total = float(scipy.special.logsumexp(evidence) - log_forms)
-    spared = _spared(bench, trials)
-    best = int(np.argmax(evidence + spared))
+    reduction = _reductions(problem, trials)
+    best = int(np.argmax(evidence + reduction))
     return EffectScore(
         hypothesis, tuple(forms), tuple(trials), weights, total, predictive, float(within[best]), best,
         float(evidence[best] - log_forms),
@@ -120,25 +122,25 @@ def judged_by(score: EffectScore, form: int) -> EffectScore:
     return replace(score, best=form, within=within, own=float(own))
 
 
-def _spared(bench: Bench, trials: Sequence[Trial]) -> Array:
+def _reductions(problem: DiagnosisProblem, trials: Sequence[Trial]) -> Array:
     """What each form spares the tolerances, in nats; nothing where that is not most of what they do without it.
 
     Where one cause, of few parameters, does nearly all that a hundred tolerances would have to do, a simulation that is
     right but for that cause is likelier than one that is off everywhere in just the way that looks like it. Evidence
     does not say so by itself: with every tolerance in full, each is wide enough to help imitating a bit.
     """
-    alone = bench.base.evidence[:, 0]
+    evidence = problem.base.evidence[:, 0]
     brought = np.stack([t.at_scales for t in trials])
-    work = float(alone[0] - alone[-1])
+    work = float(evidence[0] - evidence[-1])
     if work <= 0.0:
         return np.zeros(len(trials))
-    spared = brought[:, -1] - brought[:, 0]
-    shares = np.minimum(1.0, spared / work)
+    reduction = brought[:, -1] - brought[:, 0]
+    fractions = np.minimum(1.0, reduction / work)
     # Where much is left for them to do all the same, things are off indeed.
-    off = work - spared > _STILL_OFF * sum(len(y) for y in bench.base.y)
+    off = work - reduction > _STILL_OFF * sum(len(y) for y in problem.base.y)
     # Nor may it be a single tolerance, pulled no further than tolerances are.
-    alike = brought[:, -1] - float(bench.base.freed.max()) < _BEYOND_ONE
-    return work * shares * np.where(off | alike | (shares < _COUNTS), 0.0, np.minimum(1.0, shares / _IN_FULL))
+    alike = brought[:, -1] - float(problem.base.freed.max()) < _BEYOND_ONE
+    return work * fractions * np.where(off | alike | (fractions < _COUNTS), 0.0, np.minimum(1.0, fractions / _IN_FULL))
 
 
 def _limited(signature: Signature, trial: Trial) -> float:

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.signatures import Library, Signature
 from structsel.nomenclature import COEFFICIENTS
 
@@ -14,7 +14,7 @@ _NAMED = 24.0  # nats expected of an effect that would be named
 _CLOSEST = 3
 
 
-def self_test(bench: Bench, library: Library) -> dict[str, dict[str, float]]:
+def self_test(problem: DiagnosisProblem, library: Library) -> dict[str, dict[str, float]]:
     """Smallest size at which each effect would be named, and which effects would be taken for it.
 
     Each hypothesis' clearest form is put into these very manoeuvres, without noise, at the size at which it would bring
@@ -34,11 +34,11 @@ def self_test(bench: Bench, library: Library) -> dict[str, dict[str, float]]:
     """
     forms = []
     for hypothesis in library.effects:
-        tried = [(s, _strength(bench, s)) for s in library.of(hypothesis.name)]
+        tried = [(s, _strength(problem, s)) for s in library.of(hypothesis.name)]
         forms.append(max(tried, key=lambda item: item[1]))
-    k = len(bench.nuisances)
+    k = len(problem.nuisances)
     W = [np.column_stack([B[:, :k], *(r.whiten(s.spectra[i], s.width) for s, _ in forms)])
-         for i, (r, B) in enumerate(zip(bench.rows, bench.base.B))]  # fmt: skip
+         for i, (r, B) in enumerate(zip(problem.rows, problem.base.B))]  # fmt: skip
     G = np.sum([w.T @ w for w in W], axis=0)
     inner = np.linalg.solve(np.eye(k) + G[:k, :k], G[:k, k:])
     S = G[k:, k:] - G[:k, k:].T @ inner
@@ -51,7 +51,7 @@ def self_test(bench: Bench, library: Library) -> dict[str, dict[str, float]]:
             continue
         scale = np.sqrt(2.0 * (_NAMED + 0.5 * np.log1p(power[-1])) / power[-1])
         theta = scale * direction[:, -1]
-        told = {"size": _size(bench, signature, theta)}
+        found = {"size": _size(problem, signature, theta)}
         nats = []
         for (rival, _), other in zip(forms, parts):
             if rival is not signature:
@@ -60,28 +60,28 @@ def self_test(bench: Bench, library: Library) -> dict[str, dict[str, float]]:
                     np.eye(rival.width) * 1e-2 + S[other, other], cross
                 )
                 nats.append((0.5 * float(left), rival.hypothesis.name))
-        told |= {f"nats against {name}": value for value, name in sorted(nats)[:_CLOSEST]}
-        made[signature.hypothesis.name] = told
+        found |= {f"nats against {name}": value for value, name in sorted(nats)[:_CLOSEST]}
+        made[signature.hypothesis.name] = found
     return made
 
 
-def _strength(bench: Bench, signature: Signature) -> float:
+def _strength(problem: DiagnosisProblem, signature: Signature) -> float:
     """Sum of squares of one prior standard deviation of each parameter, in units of the noise."""
     total = 0.0
-    for r, spectra in zip(bench.rows, signature.spectra):
+    for r, spectra in zip(problem.rows, signature.spectra):
         for c, x in spectra.items():
             total += float(np.sum((x * r.weight[c][:, None]) ** 2))
     return total
 
 
-def _size(bench: Bench, signature: Signature, theta: np.ndarray) -> float:
+def _size(problem: DiagnosisProblem, signature: Signature, theta: np.ndarray) -> float:
     """Rms of an effect over the rms of what was measured, in the coefficient where that is largest."""
     best = 0.0
-    for c in bench.responses:
-        if c not in COEFFICIENTS and set(bench.responses) & set(COEFFICIENTS):
+    for c in problem.responses:
+        if c not in COEFFICIENTS and set(problem.responses) & set(COEFFICIENTS):
             continue
         up = down = 0.0
-        for f, spectra in zip(bench.flights, signature.spectra):
+        for f, spectra in zip(problem.flights, signature.spectra):
             if c in spectra:
                 up += float(np.sum((spectra[c][1:] @ theta) ** 2))
             down += float(np.var(f.measured[c]) * len(f))

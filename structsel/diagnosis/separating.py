@@ -18,8 +18,8 @@ from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight, prepare_flight
 from structsel.comparison.noise import Rows, as_spectra, side_by_side
 from structsel.comparison.tolerances import biases_of, tolerances_of
-from structsel.diagnosis.bench import Bench
 from structsel.diagnosis.extending import as_models
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking
 from structsel.diagnosis.result import EffectFinding
 from structsel.diagnosis.scoring import EffectScore
@@ -82,24 +82,24 @@ class Separation:
 class _Question:
     """One effect, as it was found, or another."""
 
-    bench: Bench
+    problem: DiagnosisProblem
     one: EffectScore
     other: EffectScore
 
     def flown(self) -> float:
         """Nats of the recordings."""
         a, b = self.one.signature, self.other.signature
-        each = zip(self.bench.rows, self.bench.base.given, a.spectra, b.spectra)
+        each = zip(self.problem.rows, self.problem.base.given, a.spectra, b.spectra)
         return _told(self._products(r, given, x, y) for r, given, x, y in each)
 
     def along(self, flight: Flight) -> float:
         """Nats of one more flight."""
         own = as_spectra(side_by_side([(sd, x) for _, sd, x in biases_of(flight)], flight), flight)
         # The noise is that of the first recording.
-        noisy = replace(flight, name=self.bench.flights[0].name)
-        rows = Rows.of(noisy, self.bench.responses, self.bench.noise, own)
+        noisy = replace(flight, name=self.problem.flights[0].name)
+        rows = Rows.of(noisy, self.problem.responses, self.problem.noise, own)
         allowed = as_spectra(side_by_side([(n.sd, n.columns[0]) for n in tolerances_of([flight])], flight), flight)
-        made = [spectra_of(s.signature.variant, flight, self.bench.responses) for s in (self.one, self.other)]
+        made = [spectra_of(s.signature.variant, flight, self.problem.responses) for s in (self.one, self.other)]
         return _told([self._products(rows, rows.whiten(allowed), *made)]) if made[0] else 0.0
 
     def _products(
@@ -122,14 +122,14 @@ def with_separation(finding: EffectFinding, ranking: Ranking) -> EffectFinding:
         return finding
     step = ranking.steps[found_at]
     other = next((s for s in step.others if s.effect in finding.ambiguous_with), None)
-    before = ranking.steps[found_at - 1].bench if found_at else ranking.start
+    before = ranking.steps[found_at - 1].problem if found_at else ranking.start
     found = find_separation(before, step.score, other) if other is not None else None
     if found is None:
         return finding
     return replace(finding, to_separate=f"{finding.to_separate} {found.says}".strip(), manoeuvre=found.inputs)
 
 
-def find_separation(bench: Bench, one: EffectScore, other: EffectScore) -> Separation | None:
+def find_separation(problem: DiagnosisProblem, one: EffectScore, other: EffectScore) -> Separation | None:
     """The manoeuvre that best tells one effect, as it was found, from another; None where none can be flown.
 
     Parameters
@@ -138,12 +138,12 @@ def find_separation(bench: Bench, one: EffectScore, other: EffectScore) -> Separ
         On which both were tried.
     one, other : EffectScore
     """
-    flights = bench.flights
+    flights = problem.flights
     stand_in, aircraft = flights[0].surrogate, flights[0].aircraft
     all_six = set(flights[0].simulated) == set(COEFFICIENTS)
     if stand_in is None or aircraft.inertia is None or not all_six or not set(COEFFICIENTS) <= set(stand_in.terms):
         return None
-    question = _Question(bench, one, other)
+    question = _Question(problem, one, other)
     flown = question.flown()
     model = AeroModel(as_models(stand_in, flights), "stand-in")
     speeds = np.quantile(np.concatenate([f["V"] for f in flights]), [0.5, *_SPEEDS])
@@ -197,8 +197,8 @@ def _inputs(
     for c, size in sizes.items():
         for width in _WIDTHS:
             large = f"{size:.3g} N" if c == "thrust" else f"{np.rad2deg(size):.1f} deg"
-            told = f"a 3-2-1-1 on the {_MOVED[c]}, {width:g} s and {large},"
-            yield _named(three_two_one_one(c, size, width, duration=_DURATION, dt=dt), told)
+            name = f"a 3-2-1-1 on the {_MOVED[c]}, {width:g} s and {large},"
+            yield _named(three_two_one_one(c, size, width, duration=_DURATION, dt=dt), name)
     if sizes:
         low, high = _BAND
         moved = multisine(list(sizes), list(sizes.values()), low=low, high=high, period=_DURATION, dt=dt)
@@ -260,6 +260,6 @@ def _fly(model: AeroModel, start: Trim, inputs: Recording, like: Flight) -> Flig
         return None
     assert like.surrogate is not None
     flight = replace(flight, surrogate=like.surrogate, apart=like.apart)
-    told = {c: like.surrogate.evaluate(flight, c) for c in like.simulated}
+    simulated = {c: like.surrogate.evaluate(flight, c) for c in like.simulated}
     measured = {c: flight.measured[c] for c in like.measured if c in flight.measured}
-    return replace(flight, simulated=told, measured=measured) if set(measured) == set(like.measured) else None
+    return replace(flight, simulated=simulated, measured=measured) if set(measured) == set(like.measured) else None

@@ -74,12 +74,12 @@ class Library:
 def spectra_of(variant: Variant, flight: Flight, responses: Sequence[str]) -> dict[str, Array]:
     """Spectra of a variant on one flight, scaled by its priors; only what is not zero."""
     bins, edge = bins_of(flight), edge_of(flight)
-    told = {c: x for c, x in variant.columns(flight).items() if c in responses and x.any()}
-    if not told:
+    added = {c: x for c, x in variant.columns(flight).items() if c in responses and x.any()}
+    if not added:
         return {}
-    together = spectrum(np.concatenate([x.T for x in told.values()]).T, bins, edge)
-    together *= np.tile([p.sd for p in variant.parameters], len(told))
-    return dict(zip(told, np.split(together, len(told), axis=1)))
+    together = spectrum(np.concatenate([x.T for x in added.values()]).T, bins, edge)
+    together *= np.tile([p.sd for p in variant.parameters], len(added))
+    return dict(zip(added, np.split(together, len(added), axis=1)))
 
 
 def work_out(

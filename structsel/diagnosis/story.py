@@ -170,9 +170,9 @@ def _tell_finding(number: int, finding: EffectFinding) -> Iterator[str]:
         said = f"{others_too} would do as well (together {format_probability(together(finding))}{remaining})"
         yield from _labelled("tie", said)
     else:
-        rivals = [p for p in others if p.probability > LISTED][:_RIVALS]
-        shown, rest = format_probabilities([p.probability for p in (first, *rivals)])
-        named = [f"{p.effect} {text}" for p, text in zip(rivals, shown[1:])]
+        alternatives = [p for p in others if p.probability > LISTED][:_RIVALS]
+        shown, rest = format_probabilities([p.probability for p in (first, *alternatives)])
+        named = [f"{p.effect} {text}" for p, text in zip(alternatives, shown[1:])]
         yield from _labelled("or", ", ".join([*named, f"{_REST} {rest}"] if rest and number == 1 else named))
     yield from _labelled("to tell" if finding.ambiguous_with else "to be sure", finding.to_separate)
     if number == 1:
@@ -192,9 +192,9 @@ def _places(finding: EffectFinding, most: int) -> str:
     for name, a, b in sorted(longest):
         shown.setdefault(name, []).append(f"{a:.1f}-{b:.1f}")
     if shown:
-        told = [f"{name} {_and(each)} s" for name, each in shown.items()]
+        text = [f"{name} {_and(each)} s" for name, each in shown.items()]
         left = len(stretches) - len(longest)
-        parts.append(", ".join(told) + (f", and {left} more" if left else ""))
+        parts.append(", ".join(text) + (f", and {left} more" if left else ""))
     return "; ".join(parts) or "everywhere flown, all the time"
 
 
@@ -205,8 +205,8 @@ def _errors(number: int, finding: EffectFinding) -> Iterator[str]:
         return
     if number > 1:
         b = finding.bars[shown[0]]
-        told = f"{b.delivered.rrmse:.3f} as delivered, {b.refitted.rrmse:.3f} refitted, {b.physics.rrmse:.3f}"
-        yield from _labelled("rms error", f"{shown[0]} {told} with 1-{number} together")
+        text = f"{b.delivered.rrmse:.3f} as delivered, {b.refitted.rrmse:.3f} refitted, {b.physics.rrmse:.3f}"
+        yield from _labelled("rms error", f"{shown[0]} {text} with 1-{number} together")
         return
     wide = max(map(len, shown))
     yield from _labelled("rms error", f"{'':{wide}}  as delivered  refitted   with it   of measured", plain=True)
@@ -219,9 +219,9 @@ def _errors(number: int, finding: EffectFinding) -> Iterator[str]:
 def _explains(finding: EffectFinding) -> str:
     if not math.isfinite(finding.explained):
         return ""
-    told = f"{100.0 * finding.explained:.0f} % of the mismatch in {_and(finding.axes[:_RESPONSES])}"
+    text = f"{100.0 * finding.explained:.0f} % of the mismatch in {_and(finding.axes[:_RESPONSES])}"
     most = f"; a free learner on all channels {100.0 * finding.explainable:.0f} %"
-    return told + most * math.isfinite(finding.explainable)
+    return text + most * math.isfinite(finding.explainable)
 
 
 def _tell_rest(diagnosis: Diagnosis) -> Iterator[str]:
@@ -256,10 +256,10 @@ def _flown_again(diagnosis: Diagnosis) -> str:
     factor, unit = display_unit(row.unit)
     names = ("as delivered", "refitted", "with it" if len(diagnosis.findings) == 1 else "with all")
     rms = [format_number(factor * near.rms, 2) for near in row.stages.values()]
-    told = ", ".join([f"{rms[0]} {unit} rms {names[0]}", *(f"{x} {name}" for x, name in zip(rms[1:], names[1:]))])
+    text = ", ".join([f"{rms[0]} {unit} rms {names[0]}", *(f"{x} {name}" for x, name in zip(rms[1:], names[1:]))])
     inside = ", ".join(f"{100.0 * near.inside:.0f}" for near in row.stages.values())
     windows = f"{diagnosis.replayed.windows} windows of {diagnosis.replayed.seconds:.1f} s"
-    return f"{row.channel} off by {told}; {inside} % within +-{format_number(factor * row.band, 2)} {unit} ({windows})"
+    return f"{row.channel} off by {text}; {inside} % within +-{format_number(factor * row.band, 2)} {unit} ({windows})"
 
 
 def untested(diagnosis: Diagnosis) -> dict[str, list[str]]:
@@ -284,8 +284,8 @@ def _self_test(diagnosis: Diagnosis) -> str:
     small = sum(size <= _SMALL for size in sizes.values())
     hardest = sorted((e for e in sizes if sizes[e] > _SMALL), key=lambda e: -sizes[e])[:_RIVALS]
     least = [f"{e} from {100.0 * sizes[e]:.0f} %" if math.isfinite(sizes[e]) else f"{e} not at all" for e in hardest]
-    told = f"{small} of {len(sizes)} effects would be named here at {100.0 * _SMALL:.0f} % of a response's rms"
-    return told + (f"; hardest {', '.join(least)}" if least else "")
+    text = f"{small} of {len(sizes)} effects would be named here at {100.0 * _SMALL:.0f} % of a response's rms"
+    return text + (f"; hardest {', '.join(least)}" if least else "")
 
 
 def _wrap(text: str, first: str = "", then: str = "") -> list[str]:

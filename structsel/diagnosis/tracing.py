@@ -22,17 +22,17 @@ def in_band(x: Array, bins: int) -> Array:
 def traces_of(ranking: Ranking) -> dict[str, Trace]:
     """Traces of every recording."""
     plain = moved_by_tolerances(ranking.start)
-    full = moved_by_tolerances(ranking.bench)
-    effects = contributions(ranking.bench, range(len(ranking.bench.accepted)))
+    full = moved_by_tolerances(ranking.problem)
+    effects = contributions(ranking.problem, range(len(ranking.problem.accepted)))
     made = {}
-    for i, f in enumerate(ranking.bench.flights):
+    for i, f in enumerate(ranking.problem.flights):
         bins = bins_of(f)
-        told = [c for c in f.simulated if c in f.measured]
-        measured = {c: in_band(f.measured[c], bins) for c in told}
-        simulated = {c: in_band(f.simulated[c], bins) for c in told}
-        refitted = {c: _levelled(simulated[c] + in_band(plain[i][c], bins), measured[c]) for c in told}
-        extra = {c: full[i][c] + effects[i].get(c, 0.0) for c in told}
-        explained = {c: _levelled(simulated[c] + in_band(extra[c], bins), measured[c]) for c in told}
+        responses = [c for c in f.simulated if c in f.measured]
+        measured = {c: in_band(f.measured[c], bins) for c in responses}
+        simulated = {c: in_band(f.simulated[c], bins) for c in responses}
+        refitted = {c: _levelled(simulated[c] + in_band(plain[i][c], bins), measured[c]) for c in responses}
+        extra = {c: full[i][c] + effects[i].get(c, 0.0) for c in responses}
+        explained = {c: _levelled(simulated[c] + in_band(extra[c], bins), measured[c]) for c in responses}
         channels = {c: f[c] for c in sorted(f.recorded)}
         made[f.name] = Trace(f.t, measured, simulated, refitted, explained, channels)
     return made

@@ -47,8 +47,8 @@ class Binned:
 
 def residuals(trace: Trace, response: str) -> dict[str, Array]:
     """Measured less simulated, by stage."""
-    told = dict(zip(STAGES, (trace.simulated, trace.refitted, trace.explained)))
-    return {stage: np.asarray(trace.measured[response] - one[response]) for stage, one in told.items()}
+    modelled = dict(zip(STAGES, (trace.simulated, trace.refitted, trace.explained)))
+    return {stage: np.asarray(trace.measured[response] - one[response]) for stage, one in modelled.items()}
 
 
 def unit_shown(name: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from structsel.diagnosis import judging
-from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.scoring import EffectScore
 from structsel.numerics.arrays import Array
 
@@ -66,7 +66,7 @@ WEIGHTS_UNASKED = np.array([2.576, 0.059, 3.158, 2.192, 1.923, 0.071, -1.945, 0.
 
 
 @dataclass(frozen=True, eq=False)
-class Weighed:
+class CandidateEffect:
     """An effect in question.
 
     Attributes
@@ -74,7 +74,7 @@ class Weighed:
     score : EffectScore
     features : (f,) array
         See `FEATURES`.
-    most : float
+    max_log_odds : float
         Log odds against nothing that its size permits, as far as flights agree on it with tolerances free.
     lowers : bool
         Whether it lowers the error on other flights visibly.
@@ -82,16 +82,16 @@ class Weighed:
 
     score: EffectScore
     features: Array
-    most: float = np.inf
+    max_log_odds: float = np.inf
     lowers: bool = True
 
     @property
     def log_odds(self) -> float:
         """Against nothing, among its rivals."""
-        return min(self.most, self._of(self.features))
+        return min(self.max_log_odds, self._of(self.features))
 
     @property
-    def unrivalled(self) -> float:
+    def log_odds_alone(self) -> float:
         """Log odds against nothing, as though no other effect were like it, where the inputs were asked to bear it out.
 
         What they were not asked to bear out may be any part of what a simulation lacks that moves as its rivals do.
@@ -99,15 +99,15 @@ class Weighed:
         if not self._is_asked:
             return self.log_odds
         x = self.features.copy()
-        by_itself = np.log1p(max(0.0, alone(self.score)) / _CLEAR)
-        x[FEATURES.index("ahead alone")] = by_itself
-        x[FEATURES.index("ahead")] = max(ahead_of(self.score, (), nats), _ALONE * by_itself)
+        as_given = np.log1p(max(0.0, log_bayes_as_given(self.score)) / _CLEAR)
+        x[FEATURES.index("ahead alone")] = as_given
+        x[FEATURES.index("ahead")] = max(ahead_of(self.score, (), log_bayes), _ALONE * as_given)
         x[FEATURES.index("behind")] = 0.0
-        return min(self.most, self._of(x) - UNRIVALLED)
+        return min(self.max_log_odds, self._of(x) - UNRIVALLED)
 
     @property
     def _is_asked(self) -> bool:
-        return self.score.driven is not None or self.score.hypothesis.kind == "atmospheric"
+        return self.score.input_only is not None or self.score.hypothesis.kind == "atmospheric"
 
     def _of(self, features: Array) -> float:
         if self._is_asked:
@@ -126,7 +126,7 @@ class Weighed:
         return bool(level > takes)
 
 
-def rank_of(score: EffectScore) -> float:
+def predictive_log_bayes(score: EffectScore) -> float:
     """Nats that a hypothesis brings on flights not used for it."""
     ahead = float(score.predictive.sum()) + min(0.0, score.within)
     if score.event:
@@ -134,72 +134,80 @@ def rank_of(score: EffectScore) -> float:
     return ahead + score.hypothesis.log_prior
 
 
-def nats(score: EffectScore) -> float:
+def log_bayes(score: EffectScore) -> float:
     """What a hypothesis brings beside tolerances: on other flights or on all, but for an event.
 
     As far as that is borne out where the inputs alone drive the motion, or can be no chance.
     """
-    brings = rank_of(score) if score.event else max(rank_of(score), score.log_evidence)
-    return brings if score.driven is None else bounded(brings, nats(score.driven), score.whole)
+    brings = predictive_log_bayes(score) if score.event else max(predictive_log_bayes(score), score.log_evidence)
+    return (
+        brings if score.input_only is None else bounded(brings, log_bayes(score.input_only), score.unconfirmed_weight)
+    )
 
 
-def bounded(brings: float, driven: float, whole: float = 0.0) -> float:
+def bounded(brings: float, input_only: float, unconfirmed_weight: float = 0.0) -> float:
     """Nats that count, of those that an effect brings and those where the inputs alone drive the motion."""
-    return min(brings, (1.0 - whole) * _BORNE_OUT * driven + whole * brings)
+    return min(brings, (1.0 - unconfirmed_weight) * _BORNE_OUT * input_only + unconfirmed_weight * brings)
 
 
-def alone(score: EffectScore) -> float:
+def log_bayes_as_given(score: EffectScore) -> float:
     """Nats that a hypothesis brings by itself, the simulation being as delivered but for it; as far as borne out."""
     brings = float(score.trial.at_scales[-1])
-    return brings if score.driven is None else bounded(brings, alone(score.driven), score.whole)
+    return (
+        brings
+        if score.input_only is None
+        else bounded(brings, log_bayes_as_given(score.input_only), score.unconfirmed_weight)
+    )
 
 
-def not_borne_out(scores: Sequence[EffectScore]) -> float:
+def unconfirmed_log_bayes(scores: Sequence[EffectScore]) -> float:
     """The most nats that an effect brings on the recorded motion and that the inputs do not bear out."""
-    return max((nats(replace(s, driven=None)) - max(0.0, nats(s)) for s in scores), default=0.0)
+    return max((log_bayes(replace(s, input_only=None)) - max(0.0, log_bayes(s)) for s in scores), default=0.0)
 
 
-def with_whole(bench: Bench, scores: Sequence[EffectScore]) -> list[EffectScore]:
+def with_unconfirmed_weight(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[EffectScore]:
     """Scores that know how much of their evidence counts although the inputs do not bear it out."""
-    plain = bench.as_delivered
+    plain = problem.as_given
     before = _beyond_noise(plain)
 
     def known(score: EffectScore) -> EffectScore:
-        takes = _share(before, _beyond_noise(plain.beside(score.signature)), SLIGHT)
-        return replace(score, whole=float(np.clip((takes - _MOST) / (_ALL - _MOST), 0.0, 1.0)))
+        takes = _fraction(before, _beyond_noise(plain.with_effect(score.signature)), SLIGHT)
+        return replace(score, unconfirmed_weight=float(np.clip((takes - _MOST) / (_ALL - _MOST), 0.0, 1.0)))
 
-    return [known(s) if _doubted(s) else s for s in scores]
+    return [known(s) if _is_unconfirmed(s) else s for s in scores]
 
 
-def _doubted(score: EffectScore) -> bool:
+def _is_unconfirmed(score: EffectScore) -> bool:
     """Whether the inputs do not bear out all that an effect brings."""
-    plain = replace(score, driven=None)
-    return not score.event and (nats(score) < nats(plain) or alone(score) < alone(plain))
+    plain = replace(score, input_only=None)
+    return not score.event and (
+        log_bayes(score) < log_bayes(plain) or log_bayes_as_given(score) < log_bayes_as_given(plain)
+    )
 
 
-def _beyond_noise(bench: Bench) -> float:
+def _beyond_noise(problem: DiagnosisProblem) -> float:
     """What other flights leave of all responses together beyond the noise, in units of one response's, and one."""
-    return 1.0 + sum(motion - 1.0 for motion, _ in judging.excess(bench).values())
+    return 1.0 + sum(motion - 1.0 for motion, _ in judging.excess(problem).values())
 
 
-def in_question(scores: Sequence[EffectScore]) -> list[EffectScore]:
+def leading_effects(scores: Sequence[EffectScore]) -> list[EffectScore]:
     """The best beside tolerances, and the best by themselves, in the order given."""
-    best = [s for by in (nats, alone) for s in sorted(scores, key=by, reverse=True)[:_EACH]]
+    best = [s for by in (log_bayes, log_bayes_as_given) for s in sorted(scores, key=by, reverse=True)[:_EACH]]
     return [s for s in scores if s in best]
 
 
-def evident(bench: Bench, score: EffectScore) -> bool:
+def evident(problem: DiagnosisProblem, score: EffectScore) -> bool:
     """Whether an effect brings enough to be weighed; of what happens at some moments, only what was not found before.
 
     Tolerances that are off in what was found leave more to their own look-alikes than those of a right simulation do.
     """
-    found = {s.hypothesis.name for s in bench.accepted}
-    if nats(score) >= EVIDENT:
+    found = {s.hypothesis.name for s in problem.accepted}
+    if log_bayes(score) >= EVIDENT:
         return not (score.event and score.effect in found)
-    return not found and alone(score) >= _PLENTY
+    return not found and log_bayes_as_given(score) >= _PLENTY
 
 
-def weigh(bench: Bench, scores: Sequence[EffectScore]) -> list[Weighed]:
+def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[CandidateEffect]:
     """Features of the effects in question that do not spoil other flights.
 
     Parameters
@@ -208,35 +216,37 @@ def weigh(bench: Bench, scores: Sequence[EffectScore]) -> list[Weighed]:
     scores : sequence of EffectScore
         Of all hypotheses.
     """
-    kept, rivals = _judged(bench, scores)
+    kept, alternatives = _admissible(problem, scores)
     made = []
     for one, taken, lowers in kept:
-        by_itself = max(0.0, ahead_of(one, rivals, alone)) * np.log1p(max(0.0, alone(one)) / _CLEAR)
-        ahead = max(ahead_of(one, rivals, nats), _ALONE * by_itself)
-        beside = bench.beside(one.signature)
-        besides = most(shares_there(one, bench, beside), bench)
-        told = (
+        as_given = max(0.0, ahead_of(one, alternatives, log_bayes_as_given)) * np.log1p(
+            max(0.0, log_bayes_as_given(one)) / _CLEAR
+        )
+        ahead = max(ahead_of(one, alternatives, log_bayes), _ALONE * as_given)
+        extended = problem.with_effect(one.signature)
+        besides = largest(fractions_there(one, problem, extended), problem)
+        values = (
             ahead,
-            by_itself,
+            as_given,
             taken.moving,
             taken.there,
             taken.level,
             float(np.clip(one.own / _OWN, -1.0, 1.0)),
             one.event,
             one.hypothesis.log_prior,
-            besides * np.log1p(max(0.0, nats(one)) / _CLEAR),
+            besides * np.log1p(max(0.0, log_bayes(one)) / _CLEAR),
             behind(one, [other for other, *_ in kept]),
         )
-        most_probable = np.inf if one.event else agreed(beside) - _AGREED
-        made.append(Weighed(one, np.array(told, dtype=float), most_probable, lowers))
+        most_probable = np.inf if one.event else agreed(extended) - _AGREED
+        made.append(CandidateEffect(one, np.array(values, dtype=float), most_probable, lowers))
     return made
 
 
-def agreed(beside: Bench) -> float:
+def agreed(extended: DiagnosisProblem) -> float:
     """Nats that the size of the effect taken in last brings, with the scatter between flights as its error."""
-    at = beside.place(len(beside.accepted) - 1)
-    posterior = beside.base.posterior
-    error = np.maximum(jackknifed(beside.base.solved[1:, at]), np.sqrt(np.diag(posterior.covariance)[at]))
+    at = extended.place(len(extended.accepted) - 1)
+    posterior = extended.base.posterior
+    error = np.maximum(jackknifed(extended.base.solved[1:, at]), np.sqrt(np.diag(posterior.covariance)[at]))
     return 0.5 * float(np.max((posterior.mean[at] / error) ** 2))
 
 
@@ -246,38 +256,38 @@ def jackknifed(without: Array) -> Array:
     return np.sqrt((groups - 1) * without.var(axis=0)) if groups > 1 else np.zeros(without.shape[1])
 
 
-def _judged(
-    bench: Bench, scores: Sequence[EffectScore]
+def _admissible(
+    problem: DiagnosisProblem, scores: Sequence[EffectScore]
 ) -> tuple[list[tuple[EffectScore, Taken, bool]], list[EffectScore]]:
     """Effects in question, with what each takes as delivered and whether it lowers the error; and all rivals.
 
     What spoils other flights is neither.
     """
-    plain = bench.as_delivered
+    plain = problem.as_given
     before = judging.held_out(plain, True)
     kept: list[tuple[EffectScore, Taken, bool]] = []
-    rivals, judged = list(scores), set()
+    alternatives, judged = list(scores), set()
     # What spoils other flights makes room for the next.
-    while asked := [s for s in in_question(rivals) if evident(bench, s) and s.effect not in judged]:
+    while asked := [s for s in leading_effects(alternatives) if evident(problem, s) and s.effect not in judged]:
         for one in asked:
             judged.add(one.effect)
-            beside = plain.beside(one.signature)
-            taken = Taken.by(one, plain, beside)
-            gained = judging.gains(before, judging.held_out(beside, True), beside.told)
+            extended = plain.with_effect(one.signature)
+            taken = Taken.by(one, plain, extended)
+            gained = judging.gains(before, judging.held_out(extended, True), extended.judged_responses)
             lowers, spoils = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
             if spoils > _SPOILS:
-                rivals.remove(one)
+                alternatives.remove(one)
             else:
-                kept.append((one, taken, lowers >= _LOWERS or taken.told_there >= _THERE))
-    return kept, rivals
+                kept.append((one, taken, lowers >= _LOWERS or taken.judged_there >= _THERE))
+    return kept, alternatives
 
 
-def chances(weighed: Sequence[Weighed]) -> Array:
+def probabilities(candidates: Sequence[CandidateEffect]) -> Array:
     """(1 + n,) probabilities: that none of the effects is there besides what was found, and of each."""
-    return np.asarray(scipy.special.softmax([0.0, *(one.log_odds for one in weighed)]))
+    return np.asarray(scipy.special.softmax([0.0, *(one.log_odds for one in candidates)]))
 
 
-def first_chances(weighed: Sequence[Weighed], white: float) -> Array:
+def first_probabilities(candidates: Sequence[CandidateEffect], white: float) -> Array:
     """(1 + n,) probabilities where nothing was found before: that there is no mismatch, and of each effect.
 
     Whether there is a mismatch is asked of each effect as though it had no rivals; they only share the probability.
@@ -290,12 +300,12 @@ def first_chances(weighed: Sequence[Weighed], white: float) -> Array:
     white : float
         Share of white noise in what is left of the forces: of anything else the motion may be a consequence.
     """
-    if not weighed:
+    if not candidates:
         return np.ones(1)
-    evidence = (white * max(nats(one.score) for one in weighed) - _EVEN) / _SCALE
-    by_itself = [one.unrivalled for one in weighed if one.lowers]
-    some = float(scipy.special.expit(max([evidence, *by_itself])))
-    return np.array([1.0 - some, *(some * scipy.special.softmax([one.log_odds for one in weighed]))])
+    evidence = (white * max(log_bayes(one.score) for one in candidates) - _EVEN) / _SCALE
+    as_given = [one.log_odds_alone for one in candidates if one.lowers]
+    some = float(scipy.special.expit(max([evidence, *as_given])))
+    return np.array([1.0 - some, *(some * scipy.special.softmax([one.log_odds for one in candidates]))])
 
 
 def ahead_of(one: EffectScore, scores: Sequence[EffectScore], brings: Callable[[EffectScore], float]) -> float:
@@ -311,7 +321,7 @@ def ahead_of(one: EffectScore, scores: Sequence[EffectScore], brings: Callable[[
 
 def behind(one: EffectScore, kept: Sequence[EffectScore]) -> float:
     """How far what an effect brings falls behind the best; see `FEATURES`."""
-    brings = nats if nats(one) >= EVIDENT else alone
+    brings = log_bayes if log_bayes(one) >= EVIDENT else log_bayes_as_given
     best = max(0.0, *map(brings, kept))
     return max((brings(one) - best) / max(_CLEAR, _BEHIND * best), -_FURTHEST)
 
@@ -331,38 +341,38 @@ class Taken:
     moving: float
     there: float
     level: float
-    told_there: float
+    judged_there: float
 
     @classmethod
-    def by(cls, one: EffectScore, without: Bench, beside: Bench) -> Taken:
+    def by(cls, one: EffectScore, without: DiagnosisProblem, extended: DiagnosisProblem) -> Taken:
         """Of an effect, from benches without and with it."""
-        foretold, where = told_by(one)
-        before, after = (judging.excess(b, foretold, where) for b in (without, beside))
-        there = shares_there(one, without, beside)
+        foretold, where = judged_on(one)
+        before, after = (judging.excess(b, foretold, where) for b in (without, extended))
+        there = fractions_there(one, without, extended)
         return cls(
-            max(_share(before[c][0], after[c][0], SLIGHT) for c in before),
+            max(_fraction(before[c][0], after[c][0], SLIGHT) for c in before),
             max(there.values(), default=0.0),
-            max(_share(before[c][1], after[c][1], _CONSTANT) for c in beside.told),
-            most(there, beside),
+            max(_fraction(before[c][1], after[c][1], _CONSTANT) for c in extended.judged_responses),
+            largest(there, extended),
         )
 
 
-def told_by(one: EffectScore) -> tuple[bool, Collection[str] | None]:
+def judged_on(one: EffectScore) -> tuple[bool, Collection[str] | None]:
     """Whether other flights are to foretell an effect, and the flights that count."""
     return (False, one.signature.flights) if one.event else (True, None)
 
 
-def shares_there(one: EffectScore, without: Bench, beside: Bench) -> dict[str, float]:
+def fractions_there(one: EffectScore, without: DiagnosisProblem, extended: DiagnosisProblem) -> dict[str, float]:
     """Of each response that an effect moves, the share it takes of the moments at which it acts."""
-    acting = judging.excess_where_moved(without, beside, *told_by(one))
-    return {c: _share(b, a, SLIGHT) for c, (b, a) in acting.items()}
+    acting = judging.excess_where_moved(without, extended, *judged_on(one))
+    return {c: _fraction(b, a, SLIGHT) for c, (b, a) in acting.items()}
 
 
-def most(shares: Mapping[str, float], bench: Bench) -> float:
+def largest(fractions: Mapping[str, float], problem: DiagnosisProblem) -> float:
     """The largest of the responses that are judged."""
-    return max((shares[c] for c in bench.told if c in shares), default=0.0)
+    return max((fractions[c] for c in problem.judged_responses if c in fractions), default=0.0)
 
 
-def _share(before: float, after: float, slight: float) -> float:
+def _fraction(before: float, after: float, slight: float) -> float:
     """Share of what lies beyond the noise that is gone."""
     return float(np.clip((before - after) / (before - 1.0 + slight), 0.0, 1.0)) if before > 1.0 else 0.0

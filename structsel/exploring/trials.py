@@ -176,8 +176,8 @@ class EffectTrials:
         from structsel.diagnosis.scoring import score_all
 
         with threadpool_limits(1):
-            bench, library, _ = set_up(self.flights)
-            return score_all(bench, library)
+            problem, library, _ = set_up(self.flights)
+            return score_all(problem, library)
 
     def names(self, response: str) -> list[str]:
         """Effects that act on the response, the largest evidence first."""

@@ -8,13 +8,13 @@ from structsel.comparison.responses import KINEMATIC
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import found_by
 from structsel.diagnosis.ranking import Ranking
-from structsel.diagnosis.weighing import nats
+from structsel.diagnosis.weighing import log_bayes
 
 _PLAIN = 100.0  # nats
 _TAKES = 0.5  # of what lies beyond the noise, or beyond the biases, in some kinematic response
 
 
-def asides(ranking: Ranking) -> list[str]:
+def notes(ranking: Ranking) -> list[str]:
     """The plainest of what was not found but closes the kinematics, in a sentence.
 
     Parameters
@@ -25,17 +25,20 @@ def asides(ranking: Ranking) -> list[str]:
     asked = [
         s
         for s in ranking.scores
-        if s.hypothesis.kind in ("sensor", "atmospheric") and not s.event and s.effect not in found and nats(s) > _PLAIN
+        if s.hypothesis.kind in ("sensor", "atmospheric")
+        and not s.event
+        and s.effect not in found
+        and log_bayes(s) > _PLAIN
     ]
     if not asked:
         return []
-    before = judging.excess(ranking.bench)
-    closing = [s for s in asked if _closes(before, judging.excess(ranking.bench.beside(s.signature)))]
+    before = judging.excess(ranking.problem)
+    closing = [s for s in asked if _closes(before, judging.excess(ranking.problem.with_effect(s.signature)))]
     if not closing:
         return []
-    one = max(closing, key=nats)
+    one = max(closing, key=log_bayes)
     says = one.hypothesis.says(found_by(one))
-    return [f"kinematics alone shows it ({nats(one):.0f} nats), and no coefficient is the better for it: {says}"]
+    return [f"kinematics alone shows it ({log_bayes(one):.0f} nats), and no coefficient is the better for it: {says}"]
 
 
 def _closes(before: Mapping[str, tuple[float, float]], after: Mapping[str, tuple[float, float]]) -> bool:

@@ -20,7 +20,7 @@ _MATERIAL = 0.10  # share by which that would lower the error
 def find_unknown(
     ranking: Ranking,
     left: Sequence[Mapping[str, Array]],
-    told: Sequence[str],
+    responses: Sequence[str],
     ceiling: Callable[[], Mapping[str, float]],
     others: bool,
 ) -> list[EffectFinding]:
@@ -38,34 +38,34 @@ def find_unknown(
     others : bool
         Whether something was found beside it.
     """
-    bench = ranking.bench
-    got, delivered = judging.measured(bench), judging.as_delivered(bench)
-    after = judging.refitted(delivered, judging.held_out(bench))
+    problem = ranking.problem
+    got, delivered = judging.measured(problem), judging.as_given(problem)
+    after = judging.refitted(delivered, judging.held_out(problem))
     # Of a response that leaves little more than its noise no half can be predicted: the learner need not be asked.
-    most = {
+    remaining = {
         c: judging.rms(after, c) / judging.rms(delivered, c)
-        for c in told
-        if judging.rms(delivered, c) > 0.0 and not judging.is_noise(bench, c)
+        for c in responses
+        if judging.rms(delivered, c) > 0.0 and not judging.is_noise(problem, c)
     }
-    asked = [c for c, w in most.items() if w > _MATERIAL]
-    share = explainable(bench.flights, left, asked) if asked else {}
-    worth = {c: most[c] * (1.0 - np.sqrt(1.0 - s)) for c, s in share.items() if s > NAMED}
+    tested = [c for c, w in remaining.items() if w > _MATERIAL]
+    fraction = explainable(problem.flights, left, tested) if tested else {}
+    worth = {c: remaining[c] * (1.0 - np.sqrt(1.0 - s)) for c, s in fraction.items() if s > NAMED}
     axes = tuple(sorted((c for c, w in worth.items() if w > _MATERIAL), key=lambda c: -worth[c]))
     if not axes:
         return []
     fits = judging.fit(got, delivered, axes), judging.fit(got, after, axes)
     bars = {c: Bars(fits[0][c], fits[1][c], fits[1][c]) for c in axes}
-    listed = ", ".join(f"{share[c]:.0%} of what is left in {c}" for c in axes)
+    listed = ", ".join(f"{fraction[c]:.0%} of what is left in {c}" for c in axes)
     says = (
         f"Something real that none of the known physics explains{' beside it' if others else ''}: a learner foretells "
         f"{listed} on recordings it has not seen."
     )
     mean = float(np.mean([ceiling()[c] for c in axes]))
-    physics = Physics(UNNAMED, float(np.clip(np.mean([share[c] for c in axes]), 0.0, 1.0)), says)
+    physics = Physics(UNNAMED, float(np.clip(np.mean([fraction[c] for c in axes]), 0.0, 1.0)), says)
     return [EffectFinding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
 
 
-def detected(ranking: Ranking, told: Sequence[str]) -> list[EffectFinding]:
+def detected(ranking: Ranking, responses: Sequence[str]) -> list[EffectFinding]:
     """A mismatch that the prediction errors show, where no effect is the most probable cause.
 
     Parameters
@@ -75,25 +75,29 @@ def detected(ranking: Ranking, told: Sequence[str]) -> list[EffectFinding]:
     told : sequence of str
         Responses that are judged.
     """
-    chances, detection = dict(ranking.considered), ranking.detection
-    if detection is None or 1.0 - chances["nothing"] < NAMED:
+    probabilities, detection = dict(ranking.considered), ranking.detection
+    if detection is None or 1.0 - probabilities["nothing"] < NAMED:
         return []
     by_effect = detection.by_effect({s.effect for s in ranking.scores})
-    physics = [Physics(UNNAMED, chances[UNNAMED], f"Something that no single effect explains well. {detection.says}")]
+    physics = [
+        Physics(UNNAMED, probabilities[UNNAMED], f"Something that no single effect explains well. {detection.says}")
+    ]
     for score in ranking.others:
-        if score.effect not in by_effect and chances[score.effect] >= LISTED:
+        if score.effect not in by_effect and probabilities[score.effect] >= LISTED:
             found = found_by(score)
-            physics.append(Physics(score.effect, chances[score.effect], score.hypothesis.says(found), found.estimates))
-    for effect in (e for e in by_effect if chances[e] >= LISTED):
+            physics.append(
+                Physics(score.effect, probabilities[score.effect], score.hypothesis.says(found), found.estimates)
+            )
+    for effect in (e for e in by_effect if probabilities[e] >= LISTED):
         one = next(x for x in detection.tolerances if x.effect == effect)
-        physics.append(Physics(effect, chances[effect], one.says, {one.tolerance.name: one.estimate}))
+        physics.append(Physics(effect, probabilities[effect], one.says, {one.tolerance.name: one.estimate}))
     physics.sort(key=lambda one: -one.probability)
     ties = tuple(p.effect for p in physics[1:4] if p.probability > TIED * physics[0].probability)
-    bench = ranking.bench
-    axes = tuple(c for c in detection.axes if c in told) or tuple(told[:1])
-    fits = [judging.fit(judging.measured(bench), judging.as_delivered(bench), axes)]
-    after = judging.refitted(judging.as_delivered(bench), judging.held_out(bench))
-    fits.append(judging.fit(judging.measured(bench), after, axes))
+    problem = ranking.problem
+    axes = tuple(c for c in detection.axes if c in responses) or tuple(responses[:1])
+    fits = [judging.fit(judging.measured(problem), judging.as_given(problem), axes)]
+    after = judging.refitted(judging.as_given(problem), judging.held_out(problem))
+    fits.append(judging.fit(judging.measured(problem), after, axes))
     bars = {c: Bars(fits[0][c], fits[1][c], fits[1][c]) for c in axes if c in fits[1]}
     kinds = {s.effect: s.hypothesis.kind for s in ranking.scores}
     kind = kinds.get(physics[0].effect, "unknown")
@@ -101,11 +105,11 @@ def detected(ranking: Ranking, told: Sequence[str]) -> list[EffectFinding]:
     return [EffectFinding(axes, kind, tuple(physics), {}, {}, ties, "", bars, nan, 0.0, 0.0, events=detection.event)]
 
 
-def turbulent(found: TurbulenceEstimate, ranking: Ranking, told: Sequence[str]) -> EffectFinding:
+def turbulent(found: TurbulenceEstimate, ranking: Ranking, responses: Sequence[str]) -> EffectFinding:
     """Turbulence as a finding beside the verdict: nothing was left out, but the air was rough."""
-    bench = ranking.bench
-    axes = tuple(c for c in ("CZ", "CY", "Cm", "Cl", "Cn", "CX") if c in told)
-    got, after = judging.measured(bench), judging.held_out(bench)
+    problem = ranking.problem
+    axes = tuple(c for c in ("CZ", "CY", "Cm", "Cl", "Cn", "CX") if c in responses)
+    got, after = judging.measured(problem), judging.held_out(problem)
     fits = judging.fit(got, after, axes)
     bars = {c: Bars(fits[c], fits[c], fits[c]) for c in axes if c in fits}
     physics = Physics("turbulence", found.probability, found.says)

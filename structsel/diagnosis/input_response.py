@@ -9,15 +9,15 @@ import numpy as np
 
 from structsel.comparison.driving import input_responses
 from structsel.comparison.flight import AIRFRAME, Flight
-from structsel.diagnosis.bench import Bench
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.scoring import EffectScore, judged_by, score_all
 from structsel.diagnosis.signatures import Library, Signature, spectra_of
-from structsel.diagnosis.weighing import EVIDENT, alone, bounded, nats, with_whole
+from structsel.diagnosis.weighing import EVIDENT, bounded, log_bayes, log_bayes_as_given, with_unconfirmed_weight
 
 _CLEARLY = 3.0  # nats, by which another form must be borne out better to be judged instead
 _FORMS = 3  # of an effect, of different things, that are asked
 _MUCH = 100.0  # nats; where so much is not borne out, and more than is, all forms are asked
-_FORETOLD = 0.3  # share of its variance, that the inputs must foretell of some channel of a motion
+_EXCITED = 0.3  # share of its variance, that the inputs must foretell of some channel of a motion
 _MOTIONS = (("alpha", "q"), ("beta", "p", "r"))
 _SIDEWAYS = frozenset({"CY", "Cl", "Cn", "k_beta", "k_phi", "k_psi"})
 
@@ -35,9 +35,9 @@ class InputDrivenMotion:
     """
 
     flights: tuple[Flight, ...]
-    foretold: tuple[bool, bool]
+    excited: tuple[bool, bool]
     _known: dict[Signature, Signature] = field(default_factory=dict, repr=False)
-    _start: Bench | None = field(default=None, repr=False)
+    _start: DiagnosisProblem | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, flights: Sequence[Flight]) -> InputDrivenMotion:
@@ -45,10 +45,10 @@ class InputDrivenMotion:
         moved = input_responses(flights) if set(AIRFRAME) <= set(flights[0].channels) else ()
         if not moved:
             return cls((), (False, False))
-        ahead, aside = (any(_share(flights, moved, c) > _FORETOLD for c in motion) for motion in _MOTIONS)
-        return cls(moved, (ahead, aside))
+        ahead, sideways = (any(_fraction(flights, moved, c) > _EXCITED for c in motion) for motion in _MOTIONS)
+        return cls(moved, (ahead, sideways))
 
-    def bear_out(self, bench: Bench, scores: Sequence[EffectScore]) -> list[EffectScore]:
+    def confirm(self, problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[EffectScore]:
         """Scores that also know what each effect brings where the inputs alone drive the motion.
 
         Noise and moving air that an effect's form has in common with the differences give it evidence on the recorded
@@ -61,41 +61,43 @@ class InputDrivenMotion:
         scores : sequence of EffectScore
             Of all hypotheses.
         """
-        asked = [s for s in scores if max(nats(s), alone(s)) >= EVIDENT and self._can_tell(s)]
+        asked = [s for s in scores if max(log_bayes(s), log_bayes_as_given(s)) >= EVIDENT and self._can_tell(s)]
         if not asked:
             return list(scores)
-        made = self._borne_out(bench, [(s, _likely(s)) for s in asked])
-        lost = max(nats(s) - nats(made[s.effect]) for s in asked)
-        if lost > max(_MUCH, *map(nats, made.values())):
-            made = self._borne_out(bench, [(s, range(len(s.signatures))) for s in asked])
-        known = {s.effect: s for s in with_whole(bench, list(made.values()))}
+        made = self._confirmed(problem, [(s, _likely(s)) for s in asked])
+        lost = max(log_bayes(s) - log_bayes(made[s.effect]) for s in asked)
+        if lost > max(_MUCH, *map(log_bayes, made.values())):
+            made = self._confirmed(problem, [(s, range(len(s.signatures))) for s in asked])
+        known = {s.effect: s for s in with_unconfirmed_weight(problem, list(made.values()))}
         return [known.get(s.effect, s) for s in scores]
 
-    def beside(self, accepted: Sequence[Signature]) -> Bench | None:
+    def with_effects(self, accepted: Sequence[Signature]) -> DiagnosisProblem | None:
         """Bench of these flights with effects taken in; None where nothing was asked of them."""
         if self._start is None or not accepted:
             return self._start
-        return self._start.taking(self._again(accepted), ())
+        return self._start.with_effects(self._again(accepted), ())
 
     def _can_tell(self, score: EffectScore) -> bool:
         sides = {response in _SIDEWAYS for response in score.signature.responses}
-        return score.hypothesis.kind != "atmospheric" and any(self.foretold[side] for side in sides)
+        return score.hypothesis.kind != "atmospheric" and any(self.excited[side] for side in sides)
 
-    def _borne_out(self, bench: Bench, asked: Sequence[tuple[EffectScore, Sequence[int]]]) -> Mapping[str, EffectScore]:
+    def _confirmed(
+        self, problem: DiagnosisProblem, asked: Sequence[tuple[EffectScore, Sequence[int]]]
+    ) -> Mapping[str, EffectScore]:
         """Effects with what some of their forms bring there, each in the form that is borne out best."""
         forms = self._again([s.signatures[k] for s, tried in asked for k in tried])
-        found = self._again(bench.accepted)
+        found = self._again(problem.accepted)
         if self._start is None:
-            self._start = Bench.set_up(self.flights, forms, bench.base.groups)
-        beside = self._start.taking(found, forms) if found else self._start
-        there = {s.effect: s for s in score_all(beside, Library(tuple(forms), {}))}
+            self._start = DiagnosisProblem.set_up(self.flights, forms, problem.base.groups)
+        extended = self._start.with_effects(found, forms) if found else self._start
+        there = {s.effect: s for s in score_all(extended, Library(tuple(forms), {}))}
         made = {}
         for score, tried in asked:
             other = there[score.effect]
-            brings = [bounded(score.trials[k].log_bayes, t.log_bayes) for k, t in zip(tried, other.trials)]
-            best = int(np.argmax(brings))
-            better = brings[best] > max(EVIDENT, brings[list(tried).index(score.best)] + _CLEARLY)
-            made[score.effect] = replace(judged_by(score, tried[best]) if better else score, driven=other)
+            gains = [bounded(score.trials[k].log_bayes, t.log_bayes) for k, t in zip(tried, other.trials)]
+            best = int(np.argmax(gains))
+            better = gains[best] > max(EVIDENT, gains[list(tried).index(score.best)] + _CLEARLY)
+            made[score.effect] = replace(judged_by(score, tried[best]) if better else score, input_only=other)
         return made
 
     def _again(self, signatures: Sequence[Signature]) -> list[Signature]:
@@ -114,8 +116,8 @@ def _likely(score: EffectScore) -> list[int]:
     return list(first.values())[:_FORMS]
 
 
-def _share(flights: Sequence[Flight], moved: Sequence[Flight], channel: str) -> float:
+def _fraction(flights: Sequence[Flight], moved: Sequence[Flight], channel: str) -> float:
     """Share of a channel's variance, all flights together, that it still has where the inputs alone drive it."""
     left = sum(float(np.var(f[channel] - g[channel])) * len(f) for f, g in zip(flights, moved))
-    whole = sum(float(np.var(f[channel])) * len(f) for f in flights)
-    return 1.0 - left / whole if whole > 0.0 else 0.0
+    unconfirmed_weight = sum(float(np.var(f[channel])) * len(f) for f in flights)
+    return 1.0 - left / unconfirmed_weight if unconfirmed_weight > 0.0 else 0.0

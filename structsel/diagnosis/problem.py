@@ -18,13 +18,13 @@ from structsel.numerics.evidence import Base, Further, Trial, group_by_width
 from structsel.numerics.fourier_series import spectrum
 
 Spectra = Mapping[str, Array]
-_MOST_DILUTED = 0.3
-_SHARES = (1.0, 0.3, 0.1, 0.03)
+_LARGEST_WIDENING = 0.3
+_TOLERANCE_FRACTIONS = (1.0, 0.3, 0.1, 0.03)
 """Of the stated tolerances, by which things may be off: a tolerance is a bound, and most simulations are better."""
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class DiagnosisProblem:
     """Flights made ready for trials.
 
     Attributes
@@ -59,7 +59,7 @@ class Bench:
         flights: Sequence[Flight],
         library: Sequence[Signature],
         groups: Sequence[tuple[int, ...]] | None = None,
-    ) -> Bench:
+    ) -> DiagnosisProblem:
         """Bench of flights without any effect taken in.
 
         Parameters
@@ -78,11 +78,11 @@ class Bench:
             own.append(as_spectra(side_by_side([(sd, columns) for _, sd, columns in biases_of(f)], f), f))
         pool = _pool(flights, library, flights[0].responses)
         first = cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups)
-        nuisances, allowed = first._diluted()
+        nuisances, allowed = first._widened()
         others = first.noise.but_for(flights[0].simulated)  # of these the same is allowed as before
         return cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups, others)
 
-    def _diluted(self) -> tuple[list[Nuisance], list[Spectra]]:
+    def _widened(self) -> tuple[list[Nuisance], list[Spectra]]:
         """Tolerances of the simulation's terms, widened by what noise in the states it was asked at takes from them.
 
         A simulation asked at states with errors answers to the errors too; the measured response does not. Every
@@ -92,32 +92,34 @@ class Bench:
         nuisances = list(self.nuisances)
         for c in self.flights[0].simulated:
             noise = sum(float(np.sum(r.weight[c][1:] ** -2)) for r in self.rows)
-            told = sum(
+            simulated = sum(
                 float(np.sum(spectrum(f.simulated[c], r.bins, edge_of(f))[1:] ** 2))
                 for f, r in zip(self.flights, self.rows)
             )
-            share = min(_MOST_DILUTED, noise / told) if told > 0.0 else 0.0
+            fraction = min(_LARGEST_WIDENING, noise / simulated) if simulated > 0.0 else 0.0
             for j, n in enumerate(self.nuisances):
                 if n.unit == "relative" and n.name.startswith(f"{c}: ") and n.sd > 0.0:
-                    nuisances[j] = replace(n, sd=float(np.hypot(n.sd, share)), least=float(np.hypot(n.least, share)))
+                    nuisances[j] = replace(
+                        n, sd=float(np.hypot(n.sd, fraction)), least=float(np.hypot(n.least, fraction))
+                    )
                     for a in made:
                         a[c][:, j] *= nuisances[j].sd / n.sd
         return nuisances, list(made)
 
     @property
-    def told(self) -> list[str]:
+    def judged_responses(self) -> list[str]:
         """Responses that are judged: coefficients; of a plant that has none, all that are simulated."""
         aerodynamic = [c for c in self.responses if c in COEFFICIENTS]
         return aerodynamic or [c for c in self.responses if c in self.flights[0].simulated]
 
     @property
-    def pulled(self) -> tuple[Array, Array]:
+    def deviations(self) -> tuple[Array, Array]:
         """How hard each tolerance is pulled and how well that is known, (k,) each [stated standard deviations]."""
         k = len(self.nuisances)
         scale, posterior = self.base.scales[self.base.chosen][:k], self.base.posterior
         return scale * posterior.mean[:k], scale * np.sqrt(np.diag(posterior.covariance)[:k])
 
-    def taking(self, accepted: Sequence[Signature], library: Sequence[Signature]) -> Bench:
+    def with_effects(self, accepted: Sequence[Signature], library: Sequence[Signature]) -> DiagnosisProblem:
         """Bench with effects taken in: noise made anew of the responses that they touch, and all rows."""
         now = {id(s): s for s in accepted}
         before = {id(s): s for s in self.accepted}
@@ -139,7 +141,7 @@ class Bench:
         pool: Mapping[str, Sequence[Array]],
         groups: Sequence[tuple[int, ...]] | None,
         known: Noise | None = None,
-    ) -> Bench:
+    ) -> DiagnosisProblem:
         responses = flights[0].responses
         shared = [
             join([(a, len(nuisances)), *((s.spectra[i], s.width) for s in accepted)], responses, bins_of(f))
@@ -149,7 +151,7 @@ class Bench:
         rows = [Rows.of(f, responses, noise, mine) for f, mine in zip(flights, own)]
         B = [r.whiten(mine) for r, mine in zip(rows, shared)]
         free = np.ones(B[0].shape[1] - len(nuisances))
-        scales = np.array([[*(n.scale(share) for n in nuisances), *free] for share in _SHARES])
+        scales = np.array([[*(n.scale(fraction) for n in nuisances), *free] for fraction in _TOLERANCE_FRACTIONS])
         base = Base([r.difference() for r in rows], B, groups, scales)
         return cls(flights, responses, nuisances, allowed, own, accepted, noise, rows, base)
 
@@ -158,8 +160,8 @@ class Bench:
         made: dict[int, tuple[Further, ...]] = {}
         for same in group_by_width([s.width for s in signatures]):
             width, spectra = signatures[same[0]].width, zip(*(signatures[k].spectra for k in same))
-            told = [r.against(x, width, Z) for r, x, Z in zip(self.rows, spectra, self._twice)]
-            made |= zip(same, zip(*told))
+            products = [r.against(x, width, Z) for r, x, Z in zip(self.rows, spectra, self._twice)]
+            made |= zip(same, zip(*products))
         return self.base.try_each([made[k] for k in range(len(signatures))])
 
     @cached_property
@@ -168,7 +170,7 @@ class Bench:
         return [r.projector(np.column_stack([B, y])) for r, B, y in zip(self.rows, self.base.given, self.base.y)]
 
     @cached_property
-    def left_out(self) -> list[tuple[Rows, Array]]:
+    def held_out_residuals(self) -> list[tuple[Rows, Array]]:
         """Each flight that is held out, and its white rows less what the other flights foretell of them."""
         base = self.base
         return [
@@ -178,27 +180,27 @@ class Bench:
         ]
 
     @cached_property
-    def left_in(self) -> list[tuple[Rows, Array]]:
+    def fitted_residuals(self) -> list[tuple[Rows, Array]]:
         """Each flight, and its white rows less what all flights together say of them."""
         mean = self.base.posterior.mean
         return [(r, y - B @ mean) for r, y, B in zip(self.rows, self.base.y, self.base.B)]
 
-    def beside(self, signature: Signature) -> Bench:
+    def with_effect(self, signature: Signature) -> DiagnosisProblem:
         """Bench with one more effect, the noise as it is."""
         more = [r.whiten(s, signature.width) for r, s in zip(self.rows, signature.spectra)]
         return replace(self, accepted=(*self.accepted, signature), base=self.base.with_columns(more))
 
     @cached_property
-    def as_delivered(self) -> Bench:
+    def as_given(self) -> DiagnosisProblem:
         """Bench on which only effects taken in are free, and the timing of samples where that foretells other flights.
 
         Timing found on few flights, of instruments that are late themselves, may make the next one worse.
         """
         timed = self._held_but([j for j, n in enumerate(self.nuisances) if n.delivered])
         exact = self._held_but([])
-        return min(timed, exact, key=lambda bench: sum(float(left @ left) for _, left in bench.left_out))
+        return min(timed, exact, key=lambda problem: sum(float(left @ left) for _, left in problem.held_out_residuals))
 
-    def _held_but(self, free: Sequence[int]) -> Bench:
+    def _held_but(self, free: Sequence[int]) -> DiagnosisProblem:
         """Bench on which few nuisances are free."""
         k = len(self.nuisances)
         columns = [*free, *range(k, k + sum(s.width for s in self.accepted))]
@@ -209,7 +211,7 @@ class Bench:
             base=Base(self.base.y, [B[:, columns] for B in self.base.given], self.base.groups),
         )
 
-    def keeping(self, kept: Sequence[int]) -> Bench:
+    def subset(self, kept: Sequence[int]) -> DiagnosisProblem:
         """Bench with some of the effects taken in, in this order, the noise as it is."""
         at = [self.place(k) for k in range(len(self.accepted))]
         columns = [*range(len(self.nuisances)), *(j for k in kept for j in range(at[k].start, at[k].stop))]
