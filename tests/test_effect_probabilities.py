@@ -29,7 +29,7 @@ def test_probabilities_are_a_softmax_with_nothing_among_the_choices():
     )
     assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING + x[:2] @ weighing.WEIGHTS)]))
     p = weighing.probabilities([weighing.CandidateEffect(asked(), row) for row in x])
-    assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING_UNASKED + x @ weighing.WEIGHTS_UNASKED)]))
+    assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING_UNTESTED + x @ weighing.WEIGHTS_UNTESTED)]))
     assert weighing.probabilities([]) == pytest.approx([1.0])
 
 

@@ -1,4 +1,4 @@
-"""Is anything there beyond tolerances and biases? Evidence from prediction errors, before anything is named."""
+"""Evidence from prediction errors of any mismatch beyond tolerances and biases, before an effect is named."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ _PAST = ("alpha", "beta", "de", "da", "dr", "q_hat", "p_hat", "r_hat", "CT")
 _DELAYS = (0.15, 0.4, 1.0)  # s
 _ORDERS = 4  # cosines over the range of a channel
 _SIZES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0])
-"""Sizes of an unknown function of the channels, of the rms by which the simulated response varies."""
+"""Sizes of an unknown function of the channels, relative to the rms variation of the simulated response."""
 _FORM, _IDENTIFIED = 0.015, 0.05
-"""Of these, what the form of a simulation leaves within tolerance: of one that states coefficients, and of one whose
-coefficients were identified from its own flights (`form` in the design)."""
+"""Sizes within the tolerance `form`: for a simulation that states coefficients, and for one whose coefficients were
+identified from its own flights."""
 _EVENT_SIZES = np.geomspace(0.02, 2.0, 5)  # the same
 _PRIOR = {"remainder": 0.64, "event": 0.36}
-"""Prior probabilities of the kinds of mismatch that are no tolerance exceeded, where there is one."""
+"""Prior probabilities of the kinds of mismatch other than an exceeded tolerance, given a mismatch."""
 _EVEN = {"remainder": (35.0, 5.0), "event": (60.0, 10.0)}
 """Log Bayes factor at which each is as probable as none, and its scale. In correct simulations in calm air (24, of the
 proof's generators, development seeds from 71000) the largest remainder is 22 and the largest event of a flight 17;
-events of several flights add up, and turbulence that no vane feels makes them in all."""
-SCALE = 5.0  # of log Bayes factors of different kinds of causes, that are compared
-_SHOWN = 0.15  # of the largest log Bayes factor of a response, that another must have to be listed
+events of several flights add up, and turbulence without vanes causes events in all flights."""
+SCALE = 5.0  # by which log Bayes factors of different kinds of causes are divided before they are compared
+_SHOWN = 0.15  # fraction of the largest log Bayes factor from which another response is listed
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Detection:
     events : sequence of (log Bayes factor, Event)
         A step, pulse or ramp; one for each flight.
     deviations : tuple of (Nuisance, mean, standard deviation)
-        Of the stated tolerances, with none exceeded [stated tolerances].
+        Of the stated parameters, with no tolerance exceeded [stated tolerances].
     """
 
     tolerances: tuple[ExceededTolerance, ...]
@@ -68,7 +68,7 @@ class Detection:
 
     @property
     def parts(self) -> dict[str, float]:
-        """Log Bayes factor of each kind that is no tolerance exceeded."""
+        """Log Bayes factor of each kind other than an exceeded tolerance."""
         return {
             "remainder": _any_of(list(self.remainder.values())),
             "event": _any_of([e[0] for e in self.events]),
@@ -76,14 +76,14 @@ class Detection:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Responses in which the mismatch shows, the clearest first."""
+        """Responses with evidence of the mismatch, the largest first."""
         largest = max(self.remainder.values())
         shown = [c for c, x in self.remainder.items() if x > _SHOWN * largest or x == largest]
         return tuple(sorted(shown, key=lambda c: -self.remainder[c]))
 
     @property
     def log_odds(self) -> tuple[float, float]:
-        """Log odds of a tolerance exceeded, and of any other mismatch."""
+        """Log odds of an exceeded tolerance, and of any other mismatch."""
         first = self.tolerances[0].log_odds if self.tolerances else -np.inf
         each = [(x - _EVEN[k][0]) / _EVEN[k][1] + np.log(_PRIOR[k]) for k, x in self.parts.items()]
         return first, float(np.logaddexp(*each))
@@ -95,12 +95,12 @@ class Detection:
 
     @property
     def cause_probabilities(self) -> list[float]:
-        """Of each tolerance that may be exceeded: probability that it is the cause, and alone, where one of them is."""
+        """Probability of each tolerance that it is the only cause, given that a tolerance is exceeded."""
         each = scipy.special.softmax([one.log_bayes for one in self.tolerances]) if self.tolerances else ()
         return [float(e * one.alone) for e, one in zip(each, self.tolerances)]
 
     def by_effect(self, named: Collection[str]) -> dict[str, float]:
-        """Shares of the effects that exceeded tolerances are, of those that may be named."""
+        """Probabilities of the effects to which exceeded tolerances belong, if they may be named."""
         made: dict[str, float] = {}
         for probability, one in zip(self.cause_probabilities, self.tolerances):
             if one.effect in named:
@@ -109,7 +109,7 @@ class Detection:
 
     @property
     def is_tolerance(self) -> bool:
-        """Whether a tolerance exceeded has more evidence than the other kinds of mismatch."""
+        """Whether an exceeded tolerance has more evidence than the other kinds of mismatch."""
         return bool(self.tolerances) and self.tolerances[0].log_bayes > self.log_bayes
 
     @property
@@ -130,25 +130,25 @@ class Detection:
 
     @property
     def event(self) -> tuple[Event, ...]:
-        """The most probable event, where one is more probable than the other kinds of mismatch."""
+        """The most probable event, if it is more probable than the other kinds of mismatch."""
         if self.is_tolerance or self.parts["event"] < self.parts["remainder"]:
             return ()
         return (max(self.events, key=lambda one: one[0])[1],)
 
     @property
     def log_bayes(self) -> float:
-        """Log Bayes factor of a mismatch that is no tolerance exceeded."""
+        """Log Bayes factor of a mismatch other than an exceeded tolerance."""
         return float(scipy.special.logsumexp([x + np.log(_PRIOR[k]) for k, x in self.parts.items()]))
 
 
 def detect(flights: Sequence[Flight], problem: DiagnosisProblem, identified: bool = False) -> Detection | None:
-    """Evidence of any mismatch; None where the flights are not those of an aircraft with coefficients.
+    """Evidence of any mismatch; None if the flights are not those of an aircraft with coefficients.
 
     Parameters
     ----------
     flights : sequence of Flight
-    bench : Bench
-        Of these flights, without any effect.
+    problem : DiagnosisProblem
+        Of these flights, without effects.
     identified : bool
         Whether the coefficients of the simulation were identified from its own flights: their form is not exact.
     """
@@ -172,14 +172,14 @@ def detect(flights: Sequence[Flight], problem: DiagnosisProblem, identified: boo
 
 
 def _remainder(rows: CausalRows, null: Null, response: str, F: Sequence[Array], form: float) -> float:
-    """Log Bayes factor of an unknown function of the channels that is larger than the form allows."""
+    """Log Bayes factor of an unknown function of the channels beyond the tolerance of the form."""
     within = form >= _SIZES
     beyond = rows.remainder(null, response, F, _SIZES[~within]).log_bayes
     return beyond if beyond < 0.0 else beyond - max(0.0, rows.remainder(null, response, F, _SIZES[within]).log_bayes)
 
 
 def _any_of(logs: Sequence[float]) -> float:
-    """Log Bayes factor of one of several, or of several at once, equally probable."""
+    """Log Bayes factor of one hypothesis of several, or of any number of them, equally probable."""
     one = scipy.special.logsumexp(logs) - np.log(len(logs))
     several = np.sum(np.logaddexp(0.0, logs) - np.log(2.0))
     return float(np.logaddexp(one, several) - np.log(2.0))
@@ -188,7 +188,7 @@ def _any_of(logs: Sequence[float]) -> float:
 def features(flights: Sequence[Flight]) -> list[Array]:
     """Functions of the channels and of their recent past, per flight; each of the same rms, together of rms one.
 
-    Motion is taken as it stood some samples before, inputs as they are.
+    The motion is delayed by some samples, the inputs are not.
     """
     each: dict[str, list[Array]] = {}
     for c in _CHANNELS:
@@ -223,7 +223,7 @@ def features(flights: Sequence[Flight]) -> list[Array]:
     for c in (c for c in _PAST if c in unit):
         for delay in _DELAYS:
             past = [delayed(x, max(1, round(delay / f.dt))) - x for x, f in zip(unit[c], flights)]
-            # A difference keeps its own size: memory of what hardly changes is small.
+            # A difference keeps its size: a channel that hardly changes has little memory.
             add(past, 0.7, c in _MOTION, 0.3)
     add([np.ones(len(f)) for f in flights], 0.0, False)
     w = np.array(weights) / np.linalg.norm(weights)
@@ -245,7 +245,7 @@ def shapes(t: Array, every: float = _EVERY) -> tuple[Array, list[str], Array]:
 
 
 def _event(rows: CausalRows, null: Null, i: int) -> tuple[float, Event]:
-    """The most probable event of one flight, and the log Bayes factor of any."""
+    """Log Bayes factor of an event in one flight, and the most probable one."""
     f = rows.flights[i]
     S, shape, at = shapes(f.t - f.t[0])
     if not len(at):  # too short for an event

@@ -155,7 +155,7 @@ def conclude(
     left = residuals(ranking.problem)
     findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling() if ranking.steps else {})]
     if turbulence is None:
-        findings += find_unknown(ranking, left, responses, ceiling, bool(findings))
+        findings += find_unknown(ranking, left, responses, ceiling)
         if not findings:
             findings += detected(ranking, responses)
     verdict: Verdict = "mismatch" if findings else "consistent"

@@ -1,4 +1,4 @@
-"""What effects bring where their forms are made of what the inputs alone drive."""
+"""Evidence of effects on the response to the recorded inputs alone, without turbulence."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from structsel.diagnosis.scoring import EffectScore, judged_by, score_all
 from structsel.diagnosis.signatures import Library, Signature, spectra_of
 from structsel.diagnosis.weighing import EVIDENT, bounded, log_bayes, log_bayes_as_given, with_unconfirmed_weight
 
-_CLEARLY = 3.0  # nats, by which another form must be borne out better to be judged instead
-_FORMS = 3  # of an effect, of different things, that are asked
-_MUCH = 100.0  # nats; where so much is not borne out, and more than is, all forms are asked
-_EXCITED = 0.3  # share of its variance, that the inputs must foretell of some channel of a motion
+_CLEARLY = 3.0  # log Bayes factor by which another form must be better confirmed, to be judged instead
+_FORMS = 3  # of an effect, on different parts of the aircraft, that are tested
+_MUCH = 100.0  # unconfirmed log Bayes factor from which all forms are tested, if it exceeds the confirmed one
+_EXCITED = 0.3  # fraction of the variance of some channel of a motion that the inputs must explain
 _MOTIONS = (("alpha", "q"), ("beta", "p", "r"))
 _SIDEWAYS = frozenset({"CY", "Cl", "Cn", "k_beta", "k_phi", "k_psi"})
 
 
 @dataclass(eq=False)
 class InputDrivenMotion:
-    """The same flights as the inputs alone would have them, and signatures there as far as they were asked for.
+    """Response of the flights to the recorded inputs alone, and the signatures of effects on it.
 
     Attributes
     ----------
     flights : tuple of Flight
-        None of them where nothing can be asked: no input moves, or what flies is no aircraft.
-    foretold : tuple of bool
-        Whether the inputs that are recorded drive the motion in the plane of symmetry, and that out of it.
+        Empty if no input moves, or if the recordings are not those of an aircraft.
+    excited : tuple of bool
+        Whether the recorded inputs excite the longitudinal motion, and the lateral motion.
     """
 
     flights: tuple[Flight, ...]
@@ -41,7 +41,7 @@ class InputDrivenMotion:
 
     @classmethod
     def of(cls, flights: Sequence[Flight]) -> InputDrivenMotion:
-        """Of flights as recorded."""
+        """Response to the inputs of recorded flights."""
         moved = input_responses(flights) if set(AIRFRAME) <= set(flights[0].channels) else ()
         if not moved:
             return cls((), (False, False))
@@ -49,17 +49,17 @@ class InputDrivenMotion:
         return cls(moved, (ahead, sideways))
 
     def confirm(self, problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[EffectScore]:
-        """Scores that also know what each effect brings where the inputs alone drive the motion.
+        """Scores with the evidence of each effect on the response to the recorded inputs.
 
-        Noise and moving air that an effect's form has in common with the differences give it evidence on the recorded
-        motion, and none on this. What the air does by itself is not asked: it follows no input. Nor is what acts in a
-        motion that no recorded input drives.
+        Noise and turbulence enter both the differences and the form of an effect. They give it evidence on the recorded
+        motion, but none on the response to the inputs. Atmospheric effects are not tested, because they follow no
+        input, nor are effects on a motion that no recorded input excites.
 
         Parameters
         ----------
-        bench : Bench
+        problem : DiagnosisProblem
         scores : sequence of EffectScore
-            Of all hypotheses.
+            Of all effects.
         """
         asked = [s for s in scores if max(log_bayes(s), log_bayes_as_given(s)) >= EVIDENT and self._can_tell(s)]
         if not asked:
@@ -72,7 +72,7 @@ class InputDrivenMotion:
         return [known.get(s.effect, s) for s in scores]
 
     def with_effects(self, accepted: Sequence[Signature]) -> DiagnosisProblem | None:
-        """Bench of these flights with effects taken in; None where nothing was asked of them."""
+        """Problem of these flights with effects in the model; None if no effect was tested on them."""
         if self._start is None or not accepted:
             return self._start
         return self._start.with_effects(self._again(accepted), ())
@@ -84,7 +84,7 @@ class InputDrivenMotion:
     def _confirmed(
         self, problem: DiagnosisProblem, asked: Sequence[tuple[EffectScore, Sequence[int]]]
     ) -> Mapping[str, EffectScore]:
-        """Effects with what some of their forms bring there, each in the form that is borne out best."""
+        """Effects with the evidence of some of their forms there, each judged by the form that is confirmed best."""
         forms = self._again([s.signatures[k] for s, tried in asked for k in tried])
         found = self._again(problem.accepted)
         if self._start is None:
@@ -101,14 +101,14 @@ class InputDrivenMotion:
         return made
 
     def _again(self, signatures: Sequence[Signature]) -> list[Signature]:
-        """The same forms on flights that move otherwise."""
+        """The same forms on the response to the inputs."""
         for s in (s for s in signatures if s not in self._known):
             self._known[s] = replace(s, spectra=[spectra_of(s.variant, f, f.responses) for f in self.flights])
         return [self._known[s] for s in signatures]
 
 
 def _likely(score: EffectScore) -> list[int]:
-    """The form to judge, and the likeliest of those of something else."""
+    """The form that is judged, and the most probable forms on other parts of the aircraft."""
     order = [score.best, *np.argsort([-t.log_bayes for t in score.trials]).tolist()]
     first: dict[str, int] = {}
     for k in order:
@@ -117,7 +117,7 @@ def _likely(score: EffectScore) -> list[int]:
 
 
 def _fraction(flights: Sequence[Flight], moved: Sequence[Flight], channel: str) -> float:
-    """Share of a channel's variance, all flights together, that it still has where the inputs alone drive it."""
+    """Fraction of the variance of a channel that the inputs explain, all flights together."""
     left = sum(float(np.var(f[channel] - g[channel])) * len(f) for f, g in zip(flights, moved))
-    unconfirmed_weight = sum(float(np.var(f[channel])) * len(f) for f in flights)
-    return 1.0 - left / unconfirmed_weight if unconfirmed_weight > 0.0 else 0.0
+    total = sum(float(np.var(f[channel])) * len(f) for f in flights)
+    return 1.0 - left / total if total > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""What is left of the differences on flights not used for fitting: as delivered, refitted, and with the physics."""
+"""Residuals on flights that were held out: of the simulation as given, refitted, and with the effects found."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import spectrum
 
-_WHITE = 1.3  # chi-square per row, below which what is left counts as noise
-_STILL = 1e-9  # of the noise's power: what moves a response by less does not move it
+_WHITE = 1.3  # chi-square per row, below which a residual counts as noise
+_STILL = 1e-9  # of the noise power: an effect below it does not act on a response
 Residuals = list[dict[str, Array]]
-"""Per flight: cosine coefficients in each response's unit; the level, which constant biases move, is left out."""
+"""Per flight: cosine coefficients in the unit of each response, without the constant part, which biases change."""
 
 
 def measured(problem: DiagnosisProblem) -> Residuals:
-    """What was measured, on the flights that are held out."""
+    """Measured responses of the flights that are held out."""
     return [_spectra(problem, m, problem.flights[m].measured) for group in problem.base.groups for m in group]
 
 
 def as_given(problem: DiagnosisProblem) -> Residuals:
-    """Differences from the simulation as it came."""
+    """Differences from the simulation as given."""
     return [_spectra(problem, m, problem.flights[m].difference) for group in problem.base.groups for m in group]
 
 
 def held_out(problem: DiagnosisProblem, level: bool = False) -> Residuals:
-    """What tolerances and the effects taken in leave, their parameters found on the other flights.
+    """Residual of tolerances and effects whose parameters are estimated from the other flights.
 
     Parameters
     ----------
-    bench : Bench
+    problem : DiagnosisProblem
     level : bool
-        With the level, as far as constant biases do not account for it.
+        With the constant part that biases do not explain.
     """
     first = 0 if level else 1
     return [
@@ -58,20 +58,20 @@ def rms(parts: Residuals, response: str) -> float:
 def excess(
     problem: DiagnosisProblem, predicted: bool = True, flights: Collection[str] | None = None
 ) -> dict[str, tuple[float, float]]:
-    """Mean square of what is left of each response, in units of the noise; 1 is noise alone.
+    """Mean square of the residual of each response, in units of the noise; 1 for noise alone.
 
     Parameters
     ----------
-    bench : Bench
-    foretold : bool
-        On the flights held out, as the others foretell it; else on all flights, with the parameters of all.
+    problem : DiagnosisProblem
+    predicted : bool
+        True for flights that are held out and predicted from the others; False for the fit to all flights.
     flights : collection of str, optional
         Names of those that count.
 
     Returns
     -------
     mapping of response to (motion, level)
-        Of all that moves, and of the level, in units of noise and constant biases.
+        Of the coefficients except the constant part, and of the constant part; in units of noise and biases.
     """
     left_of = _left_of(problem, predicted, flights)
     rows = sum(r.size - 1 for r, _ in left_of)
@@ -89,10 +89,10 @@ def excess_where_moved(
     predicted: bool = True,
     flights: Collection[str] | None = None,
 ) -> dict[str, tuple[float, float]]:
-    """Mean square of what is left without an effect and beside it, each moment weighed by the square of what it does.
+    """Mean square of the residual without and with an effect, each sample weighted by the squared effect.
 
-    In units of the noise, of each response that it moves; the cosine coefficients of white rows are turned back into
-    moments, which are white as well. Other parameters as for `excess`.
+    In units of the noise, for each response on which the effect acts. The cosine coefficients of whitened rows are
+    transformed back to samples, which are white as well. Other parameters as for `excess`.
     """
     pairs = list(zip(_left_of(without, predicted, flights), _left_of(extended, predicted, flights)))
     made = {}
@@ -109,19 +109,19 @@ def excess_where_moved(
 
 
 def _left_of(problem: DiagnosisProblem, predicted: bool, flights: Collection[str] | None) -> list[tuple[Rows, Array]]:
-    """White rows that are left of each flight that counts."""
+    """Residual rows of each flight that counts."""
     left_of = problem.held_out_residuals if predicted else problem.fitted_residuals
     return left_of if flights is None else [(r, left) for r, left in left_of if r.flight.name in flights]
 
 
 def is_noise(problem: DiagnosisProblem, response: str) -> bool:
-    """Whether what all flights together leave of a response is no more than its noise."""
+    """Whether the residual of the fit to all flights is noise alone."""
     rows = np.concatenate([left[r.part(response)] for r, left in problem.fitted_residuals])
     return bool(np.mean(rows**2) < _WHITE)
 
 
 def explained(delivered: Residuals, after: Residuals, axes: Sequence[str]) -> float:
-    """Share of the variance of the differences explained on flights not used for fitting, mean over the axes."""
+    """Fraction of the variance of the differences that is explained on held-out flights, mean over the axes."""
     sizes = {c: rms(delivered, c) for c in axes}
     fractions = [1.0 - (rms(after, c) / size) ** 2 for c, size in sizes.items() if size > 0.0]
     return float(np.clip(np.mean(fractions), 0.0, 1.0)) if fractions else 0.0
@@ -129,7 +129,7 @@ def explained(delivered: Residuals, after: Residuals, axes: Sequence[str]) -> fl
 
 @dataclass(frozen=True)
 class ResponseFit:
-    """How well one response is foretold.
+    """Accuracy of the prediction of one response.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class ResponseFit:
 
 
 def fit(got: Residuals, left: Residuals, responses: Sequence[str]) -> dict[str, ResponseFit]:
-    """Fit of each response, in the band that is compared."""
+    """Fit of each response in the compared band."""
     made = {}
     for c in responses:
         y = np.concatenate([g[c] for g in got])
@@ -161,12 +161,12 @@ def fit(got: Residuals, left: Residuals, responses: Sequence[str]) -> dict[str, 
 
 
 def gains(before: Residuals, after: Residuals, responses: Sequence[str]) -> dict[str, float]:
-    """Share by which the rms of each response falls."""
+    """Fraction by which the rms of each response decreases."""
     return {c: 1.0 - rms(after, c) / rms(before, c) for c in responses if rms(before, c) > 0.0}
 
 
 def refitted(plain: Residuals, fitted: Residuals) -> Residuals:
-    """What is left with tolerances refitted, in those responses that the other flights foretell better by it.
+    """Residual with refitted tolerances, for the responses that the other flights then predict better.
 
     Parameters
     ----------

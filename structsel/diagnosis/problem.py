@@ -1,4 +1,4 @@
-"""The bench on which hypotheses are tried: white rows of every flight, and what tolerances allow."""
+"""The regression problem of a diagnosis: whitened rows of every flight, and the columns of the tolerances."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from structsel.numerics.evidence import Base, Further, Trial, group_by_width
 from structsel.numerics.fourier_series import spectrum
 
 Spectra = Mapping[str, Array]
-_LARGEST_WIDENING = 0.3
+_LARGEST_WIDENING = 0.3  # relative, of the tolerance of a derivative
 _TOLERANCE_FRACTIONS = (1.0, 0.3, 0.1, 0.03)
-"""Of the stated tolerances, by which things may be off: a tolerance is a bound, and most simulations are better."""
+"""Prior standard deviations over the stated tolerances: a tolerance is a bound, and most simulations are better."""
 
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisProblem:
-    """Flights made ready for trials.
+    """Flights that are prepared for the regression on effects.
 
     Attributes
     ----------
@@ -33,11 +33,11 @@ class DiagnosisProblem:
     responses : tuple of str
     nuisances : list of Nuisance
     allowed : sequence of mapping of response to (bins, k) array
-        Spectra of the nuisances per flight, scaled by their tolerances.
+        Spectra of the nuisance parameters per flight, scaled by their tolerances.
     own : list of mapping of response to (bins, j) array
-        Of each flight's own biases.
+        Spectra of the biases of each flight.
     accepted : tuple of Signature
-        Effects already taken in, whose parameters stay free.
+        Effects that are in the model, with free parameters.
     noise : Noise
     rows : list of Rows
     base : Base
@@ -60,15 +60,15 @@ class DiagnosisProblem:
         library: Sequence[Signature],
         groups: Sequence[tuple[int, ...]] | None = None,
     ) -> DiagnosisProblem:
-        """Bench of flights without any effect taken in.
+        """Problem of flights without effects in the model.
 
         Parameters
         ----------
         flights : sequence of Flight
         library : sequence of Signature
-            What may yet turn out to be signal must not count as noise.
+            Effects that may be in the differences: they must not be counted as noise.
         groups : sequence of tuple of int, optional
-            Flights held out together; by default each in turn.
+            Flights that are held out together; by default each in turn.
         """
         nuisances = tolerances_of(flights)
         allowed: list[Spectra] = []
@@ -79,14 +79,14 @@ class DiagnosisProblem:
         pool = _pool(flights, library, flights[0].responses)
         first = cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups)
         nuisances, allowed = first._widened()
-        others = first.noise.but_for(flights[0].simulated)  # of these the same is allowed as before
+        others = first.noise.but_for(flights[0].simulated)  # their tolerances have not changed
         return cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups, others)
 
     def _widened(self) -> tuple[list[Nuisance], list[Spectra]]:
-        """Tolerances of the simulation's terms, widened by what noise in the states it was asked at takes from them.
+        """Tolerances of the terms of the simulation, widened for noise in the states.
 
-        A simulation asked at states with errors answers to the errors too; the measured response does not. Every
-        derivative then looks too large, by up to the noise's share of what is simulated.
+        A simulation that is evaluated at noisy states responds to the noise; the measured response does not. Every
+        derivative then appears too large, by at most the ratio of noise power to simulated power.
         """
         made: list[dict[str, Array]] = [dict(a) for a in self.allowed]
         nuisances = list(self.nuisances)
@@ -108,19 +108,19 @@ class DiagnosisProblem:
 
     @property
     def judged_responses(self) -> list[str]:
-        """Responses that are judged: coefficients; of a plant that has none, all that are simulated."""
+        """Responses by which an effect is judged: the coefficients; of a plant without any, all simulated responses."""
         aerodynamic = [c for c in self.responses if c in COEFFICIENTS]
         return aerodynamic or [c for c in self.responses if c in self.flights[0].simulated]
 
     @property
     def deviations(self) -> tuple[Array, Array]:
-        """How hard each tolerance is pulled and how well that is known, (k,) each [stated standard deviations]."""
+        """Deviation of each parameter from its stated value, and its standard error, (k,) each [stated tolerances]."""
         k = len(self.nuisances)
         scale, posterior = self.base.scales[self.base.chosen][:k], self.base.posterior
         return scale * posterior.mean[:k], scale * np.sqrt(np.diag(posterior.covariance)[:k])
 
     def with_effects(self, accepted: Sequence[Signature], library: Sequence[Signature]) -> DiagnosisProblem:
-        """Bench with effects taken in: noise made anew of the responses that they touch, and all rows."""
+        """Problem with effects in the model. The noise of the responses on which they act is estimated again."""
         now = {id(s): s for s in accepted}
         before = {id(s): s for s in self.accepted}
         touched = {c for k in now.keys() ^ before.keys() for c in (now | before)[k].responses}
@@ -156,7 +156,7 @@ class DiagnosisProblem:
         return cls(flights, responses, nuisances, allowed, own, accepted, noise, rows, base)
 
     def try_signatures(self, signatures: Sequence[Signature]) -> list[Trial]:
-        """Evidence for each of several forms of effects beyond what is taken in."""
+        """Evidence of each of several forms, in addition to the effects in the model."""
         made: dict[int, tuple[Further, ...]] = {}
         for same in group_by_width([s.width for s in signatures]):
             width, spectra = signatures[same[0]].width, zip(*(signatures[k].spectra for k in same))
@@ -166,12 +166,12 @@ class DiagnosisProblem:
 
     @cached_property
     def _twice(self) -> list[Array]:
-        """The base's rows, and y beside them, projected once more."""
+        """Rows of the base and y, projected a second time."""
         return [r.projector(np.column_stack([B, y])) for r, B, y in zip(self.rows, self.base.given, self.base.y)]
 
     @cached_property
     def held_out_residuals(self) -> list[tuple[Rows, Array]]:
-        """Each flight that is held out, and its white rows less what the other flights foretell of them."""
+        """Each flight that is held out, and its whitened rows minus their prediction from the other flights."""
         base = self.base
         return [
             (self.rows[m], base.y[m] - base.B[m] @ base.solved[g + 1])
@@ -181,27 +181,27 @@ class DiagnosisProblem:
 
     @cached_property
     def fitted_residuals(self) -> list[tuple[Rows, Array]]:
-        """Each flight, and its white rows less what all flights together say of them."""
+        """Each flight, and its whitened rows minus their fit to all flights."""
         mean = self.base.posterior.mean
         return [(r, y - B @ mean) for r, y, B in zip(self.rows, self.base.y, self.base.B)]
 
     def with_effect(self, signature: Signature) -> DiagnosisProblem:
-        """Bench with one more effect, the noise as it is."""
+        """Problem with one more effect, and the same noise."""
         more = [r.whiten(s, signature.width) for r, s in zip(self.rows, signature.spectra)]
         return replace(self, accepted=(*self.accepted, signature), base=self.base.with_columns(more))
 
     @cached_property
     def as_given(self) -> DiagnosisProblem:
-        """Bench on which only effects taken in are free, and the timing of samples where that foretells other flights.
+        """Problem with exact tolerances, except those of the timing of samples if they improve the prediction.
 
-        Timing found on few flights, of instruments that are late themselves, may make the next one worse.
+        A delay that is estimated from few flights may increase the error of the next one.
         """
         timed = self._held_but([j for j, n in enumerate(self.nuisances) if n.delivered])
         exact = self._held_but([])
-        return min(timed, exact, key=lambda problem: sum(float(left @ left) for _, left in problem.held_out_residuals))
+        return min(timed, exact, key=lambda one: sum(float(left @ left) for _, left in one.held_out_residuals))
 
     def _held_but(self, free: Sequence[int]) -> DiagnosisProblem:
-        """Bench on which few nuisances are free."""
+        """Problem with the chosen nuisance parameters free and the others exact."""
         k = len(self.nuisances)
         columns = [*free, *range(k, k + sum(s.width for s in self.accepted))]
         return replace(
@@ -212,25 +212,25 @@ class DiagnosisProblem:
         )
 
     def subset(self, kept: Sequence[int]) -> DiagnosisProblem:
-        """Bench with some of the effects taken in, in this order, the noise as it is."""
+        """Problem with some of its effects, in this order, and the same noise."""
         at = [self.place(k) for k in range(len(self.accepted))]
         columns = [*range(len(self.nuisances)), *(j for k in kept for j in range(at[k].start, at[k].stop))]
         return replace(self, accepted=tuple(self.accepted[k] for k in kept), base=self.base.select_columns(columns))
 
     def place(self, k: int) -> slice:
-        """Columns of the k-th effect taken in."""
+        """Columns of the k-th effect in the model."""
         start = len(self.nuisances) + sum(s.width for s in self.accepted[:k])
         return slice(start, start + self.accepted[k].width)
 
 
 def join(parts: Sequence[tuple[Spectra, int]], responses: Sequence[str], bins: int) -> dict[str, Array]:
-    """Spectra side by side; what does not touch a response gives it zeros."""
+    """Spectra side by side; zeros where a part does not act on a response."""
     return {c: np.column_stack([p.get(c, np.zeros((bins + 1, k))) for p, k in parts]) for c in responses}
 
 
 def _pool(flights: Sequence[Flight], library: Sequence[Signature], responses: Sequence[str]) -> dict[str, list[Array]]:
-    """Spectra of what may yet turn out to be signal, by response, per flight."""
-    # What an instrument reads is what the responses are made of: its faults would explain their noise as well.
+    """Spectra of the effects that may be in the differences, by response, per flight."""
+    # The responses are computed from the readings of instruments: sensor errors would explain their noise as well.
     # Resonances would explain any narrow band of it.
     usable = [s for s in library if s.hypothesis.kind not in ("sensor", "structural")]
     made = {}

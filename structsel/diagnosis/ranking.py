@@ -1,4 +1,4 @@
-"""Finds the physics left out, one effect after another, each weighed against the others and against nothing."""
+"""Finds the missing effects one by one, each compared with the others and with no effect."""
 
 from __future__ import annotations
 
@@ -25,32 +25,32 @@ from structsel.diagnosis.weighing import (
 from structsel.numerics.arrays import Array
 
 MAX_EFFECTS = 4
-"""Effects that are looked for."""
+"""Number of effects that are searched."""
 _MAX_PLACES = 8
-"""And how often, of which several may be the same effect in several places."""
+"""Number of forms in the model: one effect may act in several places."""
 NAMED = 0.5
-"""Probability that something is there, from which on the likeliest is named."""
+"""Probability of a mismatch from which the most probable effect is named."""
 TIED = 1.0 / 3.0
-"""Of the likeliest's probability, from which on recordings cannot tell another effect from it."""
+"""Fraction of the largest probability from which another effect is reported as ambiguous with the first."""
 
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One effect taken in, and its rivals at that point.
+    """One effect that enters the model, and the alternatives to it.
 
     Attributes
     ----------
     score : EffectScore
-    rivals : tuple of (effect, probability)
-        All that were in question, likeliest first, the effect itself among them; "nothing" too.
-    bench : Bench
-        With the effect taken in.
+    alternatives : tuple of (effect, probability)
+        All candidate effects, the most probable first, the effect itself and "nothing" among them.
+    problem : DiagnosisProblem
+        With the effect in the model.
     others : tuple of EffectScore
-        All that were in question, likeliest first.
+        All candidate effects, the most probable first.
     constant : bool
-        Whether it shows in the level of the flights more than in anything that moves.
+        Whether it explains more of the constant part of the flights than of the rest.
     """
 
     score: EffectScore
@@ -62,23 +62,23 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """Everything found.
+    """Effects that were found, and the evidence of all others.
 
     Attributes
     ----------
-    start : Bench
-        Without any effect.
+    start : DiagnosisProblem
+        Without effects.
     steps : tuple of Step
     scores : tuple of EffectScore
-        Of all hypotheses, when they were last tried.
+        Of all effects, in the last search.
     motion : InputDrivenMotion, optional
-        The flights as the inputs alone would have them, of which effects were asked.
+        Response of the flights to the recorded inputs alone.
     considered : tuple of (effect, probability)
-        What was in question when nothing more was taken in, most probable first; "nothing" too.
+        Candidate effects when no further effect entered, the most probable first; "nothing" among them.
     others : tuple of EffectScore
         Of those effects.
     detection : Detection, optional
-        Of any mismatch, where it was asked for.
+        Of any mismatch, if it was computed.
     """
 
     start: DiagnosisProblem
@@ -91,12 +91,12 @@ class Ranking:
 
     @property
     def problem(self) -> DiagnosisProblem:
-        """With everything found taken in."""
+        """Problem with all effects that were found."""
         return self.steps[-1].problem if self.steps else self.start
 
     @property
     def input_only(self) -> DiagnosisProblem | None:
-        """As `bench`, of flights that move as the inputs alone would have them; None where none was needed."""
+        """As `problem`, for the response to the recorded inputs alone; None if it was not needed."""
         return None if self.motion is None else self.motion.with_effects(self.problem.accepted)
 
 
@@ -106,15 +106,15 @@ def rank(
     progress: Progress | None = None,
     ask: Callable[[Sequence[EffectScore]], Detection | None] | None = None,
 ) -> Ranking:
-    """Take effects in one after another while it is likely that one is there.
+    """Enter effects one by one as long as another one is probable.
 
     Parameters
     ----------
-    bench : Bench
+    problem : DiagnosisProblem
     library : Library
     progress : callable, optional
     ask : callable, optional
-        Given the scores of all effects where none is probable, gives the detection of any mismatch, or None.
+        Returns the detection of any mismatch, or None, from the scores of all effects; called if none is probable.
     """
     tell = progress or (lambda what, done, of: None)
     start, motion = problem, InputDrivenMotion.of(problem.flights)
@@ -155,17 +155,17 @@ def _by_name(candidates: Sequence[CandidateEffect], p: Array) -> dict[str, float
 def with_detection(
     p: Mapping[str, float], seen: Detection, candidates: Sequence[CandidateEffect], named: Collection[str]
 ) -> dict[str, float]:
-    """Probabilities where a mismatch of any kind was looked for, "unknown" among them.
+    """Probabilities after the detection of any mismatch, "unknown" among them.
 
-    What is detected is shared by the effects, the exceeded tolerances and "unknown" (an unknown function or an event),
-    according to the largest log Bayes factor of each.
+    The probability of the mismatch is distributed over the effects, the exceeded tolerances and "unknown" (an unknown
+    function or an event) by the largest log Bayes factor of each.
 
     Parameters
     ----------
     p : mapping of effect to float
-        Probabilities from the evidence of effects alone, of "nothing" too.
+        Probabilities from the evidence of effects only, with that of "nothing".
     seen : Detection
-    weighed : sequence of Weighed
+    candidates : sequence of CandidateEffect
         These effects.
     named : collection of str
         Effects that may be named.

@@ -1,4 +1,4 @@
-"""How well each hypothesis accounts for the differences, over all of its forms."""
+"""Evidence of each effect, over all of its forms."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Trial
 
 _COUNTS, _IN_FULL = 0.6, 0.8
-"""Shares of the tolerances' work from which on what an effect spares counts, and counts in full."""
-_STILL_OFF = 0.01  # nats for each row, that tolerances may still bring beside it
-_MOMENT = 4.0  # nats: log of the places, half a second apart, that half a minute has for a moment sought in it
-_BEYOND_ONE = 2.0  # nats that it must bring beyond what one tolerance in full would, all others being exact
+"""Fractions of the gain by tolerances that an effect replaces, from which this counts, and counts fully."""
+_STILL_OFF = 0.01  # log Bayes factor per row that tolerances may add to the effect
+_EVENT_COST = 4.0  # log of the number of possible times in half a minute, half a second apart
+_BEYOND_ONE = 2.0  # log Bayes factor of an effect over the best single tolerance, all others being exact
 
 
 @dataclass(frozen=True, eq=False)
 class EffectScore:
-    """One hypothesis tried.
+    """Evidence of one effect.
 
     Attributes
     ----------
@@ -38,16 +38,16 @@ class EffectScore:
     predictive : (m,) array
         Log predictive density of each flight given the others, over the base's.
     within : float
-        Log of how much likelier the best form's parameters are within their plausible limits than beforehand, less what
-        the moments cost that were sought where the differences change, and the manoeuvres it is confined to.
+        Log of the posterior over the prior probability that the parameters of the best form are within their limits,
+        minus the log of the number of event times and of manoeuvres that were searched.
     best : int
-        The form to judge: the likeliest, or the one that spares the tolerances most.
+        The form that is judged: the most probable, or the one that replaces tolerances best.
     own : float
-        Log evidence of that form alone, less what its being one of several costs.
-    driven : EffectScore, optional
-        Of that form where the inputs alone drive the motion.
-    whole : float
-        Share of its evidence that counts although that does not bear it out.
+        Log evidence of that form alone, minus the log of the number of forms.
+    input_only : EffectScore, optional
+        Evidence of that form on the response to the recorded inputs.
+    unconfirmed_weight : float
+        Fraction of the evidence that counts although the response to the inputs does not confirm it.
     """
 
     hypothesis: Effect
@@ -69,23 +69,23 @@ class EffectScore:
 
     @property
     def signature(self) -> Signature:
-        """Of the form to judge."""
+        """Signature of the form that is judged."""
         return self.signatures[self.best]
 
     @property
     def event(self) -> bool:
-        """Whether no other flight can foretell it: it happens at moments of its own, or in one flight only."""
-        at_moments = self.hypothesis.event and _moments(self.signature) > 0
-        return at_moments or len(self.signature.flights) == 1 < len(self.predictive)
+        """Whether no other flight can predict it: it begins at times of its own, or acts in one flight only."""
+        at_times = self.hypothesis.event and _event_times(self.signature) > 0
+        return at_times or len(self.signature.flights) == 1 < len(self.predictive)
 
     @property
     def trial(self) -> Trial:
-        """Of the form to judge."""
+        """Trial of the form that is judged."""
         return self.trials[self.best]
 
 
 def score_all(problem: DiagnosisProblem, library: Library) -> list[EffectScore]:
-    """Scores of every hypothesis that can be tried, best evidence first."""
+    """Scores of every effect that can be tested, the largest evidence first."""
     by_effect = [(h, library.of(h.name)) for h in library.effects]
     trials = iter(problem.try_signatures([s for _, forms in by_effect for s in forms]))
     made = [score(problem, h, forms, [next(trials) for _ in forms]) for h, forms in by_effect]
@@ -100,7 +100,7 @@ def score(
     evidence = np.array([t.log_bayes for t in trials]) + within
     log_forms = np.log(len(forms))
     weights = np.exp(evidence - scipy.special.logsumexp(evidence))
-    # Weights of the forms as the other flights alone would give them.
+    # Weights of the forms, computed from the other flights only.
     ahead = np.array([t.predictive for t in trials])
     without = evidence[:, None] - ahead
     without = without - scipy.special.logsumexp(without, axis=0)
@@ -115,7 +115,7 @@ def score(
 
 
 def judged_by(score: EffectScore, form: int) -> EffectScore:
-    """The score with another of its forms to judge."""
+    """The score, judged by another of its forms."""
     signature, trial = score.signatures[form], score.trials[form]
     within = _limited(signature, trial)
     own = trial.log_bayes + within - np.log(len(score.signatures))
@@ -123,33 +123,37 @@ def judged_by(score: EffectScore, form: int) -> EffectScore:
 
 
 def _reductions(problem: DiagnosisProblem, trials: Sequence[Trial]) -> Array:
-    """What each form spares the tolerances, in nats; nothing where that is not most of what they do without it.
+    """Gain by tolerances that each form replaces [log Bayes factor]; zero where that is less than most of it.
 
-    Where one cause, of few parameters, does nearly all that a hundred tolerances would have to do, a simulation that is
-    right but for that cause is likelier than one that is off everywhere in just the way that looks like it. Evidence
-    does not say so by itself: with every tolerance in full, each is wide enough to help imitating a bit.
+    One cause with few parameters may replace nearly all of the gain by a hundred tolerances. A simulation that is
+    exact except for that cause is then more probable than one whose parameters all deviate in the same pattern. The
+    evidence alone does not show this: at their full width, all tolerances together approximate the cause.
     """
     evidence = problem.base.evidence[:, 0]
-    brought = np.stack([t.at_scales for t in trials])
-    work = float(evidence[0] - evidence[-1])
-    if work <= 0.0:
+    with_form = np.stack([t.at_scales for t in trials])
+    gain = float(evidence[0] - evidence[-1])
+    if gain <= 0.0:
         return np.zeros(len(trials))
-    reduction = brought[:, -1] - brought[:, 0]
-    fractions = np.minimum(1.0, reduction / work)
-    # Where much is left for them to do all the same, things are off indeed.
-    off = work - reduction > _STILL_OFF * sum(len(y) for y in problem.base.y)
-    # Nor may it be a single tolerance, pulled no further than tolerances are.
-    alike = brought[:, -1] - float(problem.base.freed.max()) < _BEYOND_ONE
-    return work * fractions * np.where(off | alike | (fractions < _COUNTS), 0.0, np.minimum(1.0, fractions / _IN_FULL))
+    reduction = with_form[:, -1] - with_form[:, 0]
+    fractions = np.minimum(1.0, reduction / gain)
+    # If tolerances still add much to the effect, parameters do deviate.
+    still_off = gain - reduction > _STILL_OFF * sum(len(y) for y in problem.base.y)
+    # Nor does an effect count that a single tolerance explains as well.
+    like_one = with_form[:, -1] - float(problem.base.freed.max()) < _BEYOND_ONE
+    return (
+        gain
+        * fractions
+        * np.where(still_off | like_one | (fractions < _COUNTS), 0.0, np.minimum(1.0, fractions / _IN_FULL))
+    )
 
 
 def _limited(signature: Signature, trial: Trial) -> float:
-    """What limits bring to a form, less what was sought for it."""
+    """Log probability of the limits of a form, minus the cost of its search."""
     return _within(signature, trial) - _sought(signature, len(trial.predictive))
 
 
 def _within(signature: Signature, trial: Trial) -> float:
-    """Log of how much likelier the parameters lie within their limits now than beforehand."""
+    """Log of the posterior over the prior probability that the parameters lie within their limits."""
     total = 0.0
     for k, p in enumerate(signature.variant.parameters):
         if np.isinf(p.low) and np.isinf(p.high):
@@ -162,12 +166,12 @@ def _within(signature: Signature, trial: Trial) -> float:
 
 
 def _sought(signature: Signature, manoeuvres: int) -> float:
-    """What the choice of a form's moments costs, and that of the manoeuvres it is confined to [nats]."""
-    return _MOMENT * _moments(signature) + (manoeuvres * np.log(2.0) if signature.variant.only_in else 0.0)
+    """Log of the number of event times and of sets of manoeuvres among which a form was chosen."""
+    return _EVENT_COST * _event_times(signature) + (manoeuvres * np.log(2.0) if signature.variant.only_in else 0.0)
 
 
-def _moments(signature: Signature) -> int:
-    """Number of moments that were sought in the differences."""
+def _event_times(signature: Signature) -> int:
+    """Number of event times that were searched in the differences."""
     return sum(name == "time" or name.startswith("time in ") for name in signature.variant.shape)
 
 

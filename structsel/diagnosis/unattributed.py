@@ -1,4 +1,4 @@
-"""Findings without one effect as their cause: a mismatch that is detected, unknown physics, and turbulence."""
+"""Findings without one effect as their cause: a detected mismatch, unknown physics, and turbulence."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from structsel.diagnosis.ranking import NAMED, TIED, Ranking
 from structsel.diagnosis.result import LISTED, UNNAMED, Bars, EffectFinding, Physics
 from structsel.numerics.arrays import Array
 
-_MATERIAL = 0.10  # share by which that would lower the error
+_MATERIAL = 0.10  # fraction by which the error would decrease
 
 
 def find_unknown(
@@ -22,26 +22,23 @@ def find_unknown(
     left: Sequence[Mapping[str, Array]],
     responses: Sequence[str],
     ceiling: Callable[[], Mapping[str, float]],
-    others: bool,
 ) -> list[EffectFinding]:
-    """A real, repeatable mismatch that no physics of the library explains, where there is one.
+    """Repeatable mismatch that no effect in the library explains, if there is one.
 
     Parameters
     ----------
     ranking : Ranking
     left : sequence of mapping of response to (n,) array
-        What tolerances and the effects found leave, per flight.
-    told : sequence of str
-        Responses that are judged.
+        Residual of tolerances and the effects found, per flight.
+    responses : sequence of str
+        Responses by which effects are judged.
     ceiling : callable
-        Gives, by response, the share of the whole mismatch that a learner foretells.
-    others : bool
-        Whether something was found beside it.
+        Returns, by response, the fraction of the complete mismatch that a regression model predicts.
     """
     problem = ranking.problem
     got, delivered = judging.measured(problem), judging.as_given(problem)
     after = judging.refitted(delivered, judging.held_out(problem))
-    # Of a response that leaves little more than its noise no half can be predicted: the learner need not be asked.
+    # Half of a residual that is little more than noise cannot be predicted: no regression is needed.
     remaining = {
         c: judging.rms(after, c) / judging.rms(delivered, c)
         for c in responses
@@ -55,10 +52,10 @@ def find_unknown(
         return []
     fits = judging.fit(got, delivered, axes), judging.fit(got, after, axes)
     bars = {c: Bars(fits[0][c], fits[1][c], fits[1][c]) for c in axes}
-    listed = ", ".join(f"{fraction[c]:.0%} of what is left in {c}" for c in axes)
+    listed = ", ".join(f"{fraction[c]:.0%} of the residual in {c}" for c in axes)
     says = (
-        f"Something real that none of the known physics explains{' beside it' if others else ''}: a learner foretells "
-        f"{listed} on recordings it has not seen."
+        "A repeatable mismatch remains that no effect in the library explains: a regression model predicts "
+        f"{listed} on recordings that were held out."
     )
     mean = float(np.mean([ceiling()[c] for c in axes]))
     physics = Physics(UNNAMED, float(np.clip(np.mean([fraction[c] for c in axes]), 0.0, 1.0)), says)
@@ -66,14 +63,14 @@ def find_unknown(
 
 
 def detected(ranking: Ranking, responses: Sequence[str]) -> list[EffectFinding]:
-    """A mismatch that the prediction errors show, where no effect is the most probable cause.
+    """Mismatch that the prediction errors show, if no effect is the most probable cause.
 
     Parameters
     ----------
     ranking : Ranking
-        With the probabilities of what was detected.
-    told : sequence of str
-        Responses that are judged.
+        With the probabilities after the detection.
+    responses : sequence of str
+        Responses by which effects are judged.
     """
     probabilities, detection = dict(ranking.considered), ranking.detection
     if detection is None or 1.0 - probabilities["nothing"] < NAMED:
@@ -106,7 +103,7 @@ def detected(ranking: Ranking, responses: Sequence[str]) -> list[EffectFinding]:
 
 
 def turbulent(found: TurbulenceEstimate, ranking: Ranking, responses: Sequence[str]) -> EffectFinding:
-    """Turbulence as a finding beside the verdict: nothing was left out, but the air was rough."""
+    """Turbulence as a finding: the simulation may be complete, but the air was turbulent."""
     problem = ranking.problem
     axes = tuple(c for c in ("CZ", "CY", "Cm", "Cl", "Cn", "CX") if c in responses)
     got, after = judging.measured(problem), judging.held_out(problem)
