@@ -26,7 +26,7 @@ def format_number(value: float | None, digits: int = 4, *, signed: bool = False)
     sign = "+" if signed else ""
     if abs(value) >= 1e5 or (value != 0 and abs(value) < 1e-4):
         return _shorten_exponent(f"{value:{sign}.{max(digits - 2, 1)}e}")
-    text = f"{value:{sign}.{digits}g}"
+    text = f"{value:{sign}z.{digits}g}"
     # Rounding may carry into one more digit than are kept: 99.7 is 1e+02 in two digits.
     return f"{value:{sign}.0f}" if abs(value) >= 10**digits or "e" in text else text
 
@@ -38,14 +38,14 @@ def _shorten_exponent(text: str) -> str:
 
 def format_decimals(value: float | None, decimals: int = 4) -> str:
     """Return a number with a fixed number of decimals."""
-    return UNDEFINED if value is None or not math.isfinite(value) else f"{value:.{decimals}f}"
+    return UNDEFINED if value is None or not math.isfinite(value) else f"{value:z.{decimals}f}"
 
 
 def format_percent(fraction: float | None) -> str:
     """Return a fraction in percent."""
     if fraction is None or not math.isfinite(fraction):
         return UNDEFINED
-    return f"{100.0 * fraction:.0f} %"
+    return f"{100.0 * fraction:z.0f} %"
 
 
 def format_explained(r2: float) -> str:
@@ -105,7 +105,7 @@ def format_estimate(value: float, std: float, unit: str = "", sign: str = "+-") 
         return f"{_shorten_exponent(f'{value:.3g} {sign} {std:.1g}')}{shown}"
     # One uncertain digit; two where the first is a 1.
     digits = max(-math.floor(math.log10(std)) + (f"{std:e}"[0] == "1"), 0)
-    return f"{value:.{digits}f} {sign} {std:.{digits}f}{shown}"
+    return f"{value:z.{digits}f} {sign} {std:.{digits}f}{shown}"
 
 
 def format_range(channel: str, limits: Sequence[float]) -> str:

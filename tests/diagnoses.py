@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from structsel.diagnosis.judging import ResponseFit
-from structsel.diagnosis.result import Bars, Diagnosis, EffectFinding, Physics, Pull, Trace
+from structsel.diagnosis.result import Bars, Diagnosis, EffectFinding, Physics, ToleranceDeviation, Trace
 from structsel.effects.base import ParameterEstimate
 from structsel.model import AeroModel, ResponseModel
 
@@ -61,7 +61,7 @@ GROUND = EffectFinding(
     bars={"CZ": fits(0.22, 0.21, 0.08), "CX": fits(0.31, 0.30, 0.19)},
     explainable=0.93,
     explained=0.90,
-    share=0.74,
+    fraction=0.74,
 )
 VANE = EffectFinding(
     axes=("CZ", "Cm"),
@@ -83,12 +83,12 @@ VANE = EffectFinding(
     bars={"CZ": fits(0.22, 0.21, 0.05), "CX": fits(0.31, 0.30, 0.18)},
     explainable=0.95,
     explained=0.94,
-    share=0.26,
+    fraction=0.26,
 )
 TURBULENCE = EffectFinding(
     axes=("CZ",), kind="random", physics=(Physics("turbulence", 0.99, "The air is rough: 1.2 m/s rms."),),
     intervals={}, region={}, ambiguous_with=(), to_separate="", bars={"CZ": fits(0.2, 0.2, 0.2)},
-    explainable=0.02, explained=0.0, share=1.0,
+    explainable=0.02, explained=0.0, fraction=1.0,
 )  # fmt: skip
 
 
@@ -110,7 +110,10 @@ def diagnosis(*findings, verdict="mismatch", **changes):
             "engine-gyroscopic": "channel rpm",
         },
         remaining={"CZ": (0.08, True), "CX": (0.19, False), "k_alpha": (0.5, True)},
-        pulls=(Pull("CZ: alpha", 2.3, 0.115, 0.02, "relative"), Pull("ay, az turned", -0.4, -0.0014, 0.001, "rad")),
+        deviations=(
+            ToleranceDeviation("CZ: alpha", 2.3, 0.115, 0.02, "relative"),
+            ToleranceDeviation("ay, az turned", -0.4, -0.0014, 0.001, "rad"),
+        ),
         remarks=("the clocks of m03 part by 12 ms",),
         form="forced",
         responses=("CX", "CZ"),
@@ -138,5 +141,6 @@ def hostile():
     held = replace(held, channels={**held.channels, bad: held.t})
     return diagnosis(
         finding, recordings=(f"{bad}</script>",), traces={f"{bad}</script>": held}, remarks=(bad,), model=None,
-        not_testable={bad: bad}, pulls=(Pull(bad, 3.0, 1.0, 0.1, bad),), detects={bad: {"size": 0.1}},
+        not_testable={bad: bad}, deviations=(ToleranceDeviation(bad, 3.0, 1.0, 0.1, bad),),
+        detects={bad: {"size": 0.1}},
     )  # fmt: skip

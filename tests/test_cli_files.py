@@ -9,7 +9,7 @@ import pytest
 from structsel import AeroModel, Aircraft, Recording, demo_flights, read_recording, write_recording
 from structsel.cli import diagnose as diagnose_command
 from structsel.cli.aircraft import TEMPLATE
-from structsel.diagnosis.result import Diagnosis, Pull
+from structsel.diagnosis.result import Diagnosis, ToleranceDeviation
 from tests.commands import run
 
 SELECT = ("--responses", "Cm", "--terms", "alpha,de", "--bootstrap", "0", "--json")
@@ -96,13 +96,13 @@ def test_a_part_without_samples_is_refused():
 # --- diagnose ------------------------------------------------------------------------------------------
 
 
-def consistent(*pulls):
-    return Diagnosis("consistent", (), {}, {}, pulls, (), "forced", ("y",), ("m0",))
+def consistent(*deviations):
+    return Diagnosis("consistent", (), {}, {}, deviations, (), "forced", ("y",), ("m0",))
 
 
 @pytest.mark.parametrize(("sigmas", "code"), [(1.0, 0), (-6.0, 3)])
 def test_exit_code_and_json_tell_whether_a_consistent_simulation_is_within_its_tolerances(sigmas, code, monkeypatch):
-    found = consistent(Pull("main Cm:alpha", sigmas, 1.0, 0.05, "-"))
+    found = consistent(ToleranceDeviation("main Cm:alpha", sigmas, 1.0, 0.05, "-"))
     monkeypatch.setattr(diagnose_command, "_diagnose", lambda *given: found)
     said = run("diagnose", "--recordings", "flights", "--simulation", "flights", "--json", code=code)
     assert json.loads(said.stdout)["within_tolerances"] is (code == 0)

@@ -9,8 +9,8 @@ import pytest
 import structsel as ss
 from structsel.demo import demo_missing_physics
 from structsel.diagnosis import diagnose
-from structsel.diagnosis.diagnose import strained
-from structsel.diagnosis.result import Pull
+from structsel.diagnosis.diagnose import exceeded_notes
+from structsel.diagnosis.result import ToleranceDeviation
 from structsel.effects import EFFECTS
 from structsel.errors import DataError
 
@@ -85,11 +85,14 @@ def test_nothing_is_named_where_the_simulation_is_right():
 
 
 def test_a_parameter_beyond_its_tolerance_is_reported():
-    deviations = [Pull("V scale", 4.8, 0.036, 0.002, "relative"), Pull("mass", -3.9, -0.01, 0.002, "relative")]
-    said = strained(deviations)
+    deviations = [
+        ToleranceDeviation("V scale", 4.8, 0.036, 0.002, "relative"),
+        ToleranceDeviation("mass", -3.9, -0.01, 0.002, "relative"),
+    ]
+    said = exceeded_notes(deviations)
     assert len(said) == 1
-    assert "'V scale' is pulled +4.8" in said[0]
-    assert strained(deviations[1:]) == []
+    assert "'V scale' deviates by +4.8" in said[0]
+    assert exceeded_notes(deviations[1:]) == []
 
 
 def test_one_manoeuvre_alone_is_not_decided(ground):

@@ -121,5 +121,5 @@ def test_an_effect_that_only_kinematics_shows_is_a_remark_to_the_verdict():
 
 def test_responses_with_little_predicted_are_reported():
     (said,) = unpredicted({"CZ": (0.2, True), "Cl": (0.94, True)})
-    assert "of its rms Cl 0.94 is left" in said
+    assert "relative to the measured rms: Cl 0.94." in said
     assert unpredicted({"CZ": (0.2, True)}) == []

@@ -261,7 +261,7 @@ def test_without_an_effect_taken_in_there_are_two_stages(ground):
     bare = replace(ground, steps=())
     stages = {tuple(one.stages) for one in predictions_by_stage(bare)}
     assert stages == {("delivered", "refitted")}
-    assert simulate_held_out(bare).stretch.simulated.keys() == {"delivered", "refitted"}
+    assert simulate_held_out(bare).example.simulated.keys() == {"delivered", "refitted"}
 
 
 @needs_examples
@@ -275,7 +275,7 @@ def test_only_flights_held_out_are_simulated(ground):
 @needs_examples
 def test_the_segment_drawn_is_that_of_the_channel_with_the_largest_gain(ground):
     found = simulate_held_out(ground)
-    drawn = found.stretch
+    drawn = found.example
     assert drawn.channel == found.gained.channel
     gap = np.isnan(drawn.measured)
     assert np.all(np.isnan(drawn.simulated["physics"]) == gap)

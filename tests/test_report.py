@@ -60,9 +60,9 @@ ALL = {
     "consistent": lambda: diagnosis(verdict="consistent"),
     "turbulence": lambda: diagnosis(TURBULENCE, verdict="consistent"),
     "undecidable": lambda: diagnosis(verdict="undecidable", recordings=("m01",), traces={}, model=None),
-    "empty": lambda: diagnosis(verdict="consistent", traces={}, pulls=(), remarks=(), remaining={}, detects={}),
+    "empty": lambda: diagnosis(verdict="consistent", traces={}, deviations=(), remarks=(), remaining={}, detects={}),
     "unknown figures": lambda: diagnosis(
-        replace(GROUND, explained=np.nan, explainable=np.nan, share=np.nan), remaining={"CZ": (np.nan, False)}
+        replace(GROUND, explained=np.nan, explainable=np.nan, fraction=np.nan), remaining={"CZ": (np.nan, False)}
     ),
     "hostile": hostile,
 }
@@ -144,11 +144,11 @@ def test_the_printed_summary_names_what_it_omits(page):
 
 
 def test_turbulence_that_explains_nothing_is_no_finding():
-    gusts = replace(TURBULENCE, share=0.0, explained=0.9)
+    gusts = replace(TURBULENCE, fraction=0.0, explained=0.9)
     stated = Page(render(diagnosis(GROUND, gusts))).words()
     assert "2. turbulence" not in stated
     assert gusts.physics[0].says in stated
-    assert "2. turbulence" in Page(render(diagnosis(GROUND, replace(gusts, share=0.02)))).words()
+    assert "2. turbulence" in Page(render(diagnosis(GROUND, replace(gusts, fraction=0.02)))).words()
 
 
 def test_numbers_in_sentences_have_no_exponents():

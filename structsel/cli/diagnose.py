@@ -191,7 +191,7 @@ def _patched(found: Diagnosis) -> Patched | None:
 
 
 def _print_text(found: Diagnosis) -> None:
-    from structsel.diagnosis.story import headline
+    from structsel.diagnosis.text_report import headline
 
     text = Text(headline(found) if is_quiet() else str(found))
     text.highlight_regex(r"^(MISMATCH|CONSISTENT|UNDECIDABLE)", "bold")

@@ -1,11 +1,11 @@
-"""Ranks the physics a simulation may have left out, adds it, and shows the gain."""
+"""Finds the effects that a simulation lacks, adds them, and shows the improvement."""
 
 from structsel.deprecation import renamed_names
 from structsel.diagnosis.comparison import EffectComparison, EffectSignature, comparison
 from structsel.diagnosis.diagnose import diagnose
-from structsel.diagnosis.result import Bars, Diagnosis, EffectFinding, Physics, Pull, Trace
+from structsel.diagnosis.result import Bars, Diagnosis, EffectFinding, Physics, ToleranceDeviation, Trace
 
-__getattr__ = renamed_names(__name__, {"Finding": "EffectFinding"})
+__getattr__ = renamed_names(__name__, {"Finding": "EffectFinding", "Pull": "ToleranceDeviation"})
 
 __all__ = [
     "Bars",
@@ -14,7 +14,7 @@ __all__ = [
     "EffectFinding",
     "EffectSignature",
     "Physics",
-    "Pull",
+    "ToleranceDeviation",
     "Trace",
     "comparison",
     "diagnose",

@@ -27,7 +27,7 @@ from structsel.diagnosis.notes import notes
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.residuals import residuals
-from structsel.diagnosis.result import Diagnosis, Pull, Verdict
+from structsel.diagnosis.result import Diagnosis, ToleranceDeviation, Verdict
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.selftest import self_test
 from structsel.diagnosis.signatures import Library, work_out
@@ -41,12 +41,12 @@ from structsel.recording import Recording
 from structsel.recording.arguments import as_recordings, require_kind
 
 Progress = Callable[[str, int, int], None]
-_PARTS = 3
+_PARTS = 3  # of a single recording
 _SHORTEST = 5.0  # s, of a part
-_HARDEST = 8  # tolerances listed
-_SAID = 3  # of tolerances pulled further than any is, in remarks
-_LISTED = 0.005  # share of the variance, below which turbulence explains nothing
-_DROWNED = 0.7  # of the rms measured, that is left: what a simulation lacks would have to be large to show
+_LISTED_DEVIATIONS = 8
+_REPORTED = 3  # exceeded tolerances in the notes
+_LISTED = 0.005  # fraction of the variance below which turbulence is not listed
+_UNPREDICTED = 0.7  # residual over the measured rms, above which only a large effect would show
 
 
 @renamed_arguments(hypotheses="effects")
@@ -61,7 +61,7 @@ def diagnose(
     without_effects: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Locate what a simulation leaves out, say which physics it is, and show the gain on other recordings.
+    """Find the effects that a simulation lacks, with their times, probabilities and the gain on held-out recordings.
 
     Parameters
     ----------
@@ -70,16 +70,16 @@ def diagnose(
     recordings : sequence of Recording
         One manoeuvre each.
     aircraft : Aircraft, optional
-        Not needed for plants, whose recordings have no channels of a flight.
-        With the tolerances of the simulation and the instruments.
+        With the tolerances of the simulation and the instruments. Not needed for plants, whose recordings have no
+        channels of a flight.
     held_out : sequence of str
-        Names of recordings to judge by; by default each is held out in turn.
+        Names of the validation recordings; by default each recording is held out in turn.
     effects : sequence of Effect
-        The physics that may be named.
+        Effects that may be named.
     without_effects : sequence of str
-        Names of effects that may not be named, for one to ask what would be said if the library lacked them.
+        Names of effects that may not be named, to see the result without them.
     progress : callable, optional
-        Called with what is done, how much of it, and of how much.
+        Called with the name of a step, the number of parts done, and the number of parts.
 
     Returns
     -------
@@ -88,9 +88,9 @@ def diagnose(
     Raises
     ------
     DataError
-        Names, clocks or channels that do not match, or nothing to compare; an effect that is not there.
+        Names, clocks or channels do not match, there is nothing to compare, or an effect does not exist.
     ModelError
-        A simulation that cannot be opened.
+        The simulation cannot be opened.
     """
     begun = time.perf_counter()
     effects = but_without(effects, without_effects)
@@ -105,7 +105,7 @@ def diagnose(
 
 
 def but_without(effects: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:
-    """Effects except the named ones.
+    """Effects without the named ones.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def conclude(
     held_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
-    """Diagnosis of flights that are prepared and set up (see `set_up`)."""
+    """Diagnosis of prepared flights and their problem (see `set_up`)."""
     # These import simulation, refinement and input design, which nothing before here needs.
     from structsel.diagnosis.held_out_simulation import simulate_held_out
     from structsel.diagnosis.modelling import corrected_model
@@ -137,19 +137,19 @@ def conclude(
     single = len(prepared.flights) == 1
     if single:
         remarks.append(
-            f"there is one manoeuvre only: it was judged by its {len(flights)} parts, which share its conditions. What "
-            "is found may hold here alone; a second manoeuvre would show"
+            f"there is one manoeuvre only: it was divided into {len(flights)} parts, and each was predicted from the "
+            "others. A second manoeuvre would show whether the findings hold in other conditions"
         )
 
     def ask(scores: Sequence[EffectScore]) -> Detection | None:
-        """A mismatch of any kind, in calm air: in rough air the differences move the aircraft."""
+        """Detection of any mismatch in calm air: in turbulence the differences cause the motion."""
         nonlocal turbulence
         if turbulence is None:
             turbulence = turbulence_without_vanes(flights, residuals(problem), unconfirmed_log_bayes(scores))
         return None if turbulence is not None else detect(flights, problem, prepared.simulation.form == "free")
 
     ranking = rank(problem, library, progress, ask)
-    # The learners take a second, and a simulation that lacks nothing does not need them.
+    # The regressions take a second, and a complete simulation does not need them.
     ceiling = cache(lambda: explainable(flights, [{c: f.difference[c] for c in responses} for f in flights]))
     traces = traces_of(ranking)
     left = residuals(ranking.problem)
@@ -168,20 +168,20 @@ def conclude(
     replayed = simulate_held_out(ranking)
     corrected = corrected_model(prepared, ranking) if ranking.steps else None
     remarks += corrected.remarks if corrected is not None else ()
-    # Where gusts push the aircraft about, tolerances are pulled by what follows its motion; not by what inputs drive.
+    # In turbulence the deviations are those of the response to the inputs: gusts bias the others.
     if ranking.detection is not None and not findings:
-        pulls = _pulls(ranking.detection.deviations)
+        deviations = _largest(ranking.detection.deviations)
     else:
         judged = (turbulence and ranking.input_only) or ranking.problem
-        pulls = _pulls(zip(judged.nuisances, *judged.deviations))
+        deviations = _largest(zip(judged.nuisances, *judged.deviations))
     remaining = _remaining(ranking, responses)
-    remarks += [*strained(pulls), *notes(ranking), *unpredicted(remaining)]
+    remarks += [*exceeded_notes(deviations), *notes(ranking), *unpredicted(remaining)]
     return Diagnosis(
         verdict,
         tuple(findings),
         dict(library.not_testable),
         remaining,
-        pulls,
+        deviations,
         tuple(remarks),
         prepared.simulation.form,
         tuple(responses),
@@ -202,7 +202,7 @@ def set_up(
     held_out: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> tuple[DiagnosisProblem, Library, TurbulenceEstimate | None]:
-    """Bench of flights, or of the parts of a single one; what can be tried there; and whether the air was rough."""
+    """Problem of the flights or of the parts of a single one, the effects to test, and the turbulence."""
     parts = split_flight(flights[0]) if len(flights) == 1 else list(flights)
     groups = _groups([f.name for f in parts], held_out)
     library = work_out(effects, parts, parts[0].responses, progress)
@@ -211,19 +211,19 @@ def set_up(
 
 
 def split_flight(flight: Flight) -> list[Flight]:
-    """Parts of a single flight, so that some of it can be held out.
+    """Parts of a single flight, each of which can be held out.
 
     Raises
     ------
     DataError
-        It is too short for two parts.
+        The flight is too short for two parts.
     """
     n = len(flight)
     parts = min(_PARTS, int(n * flight.dt / _SHORTEST)) if flight.simulated.keys() & set(COEFFICIENTS) else _PARTS
     if parts < 2:
         raise DataError(
-            f"there is one manoeuvre, '{flight.name}', of {n * flight.dt:.1f} s: too short to judge one part by "
-            f"another.\nGive several manoeuvres, or one of at least {2 * _SHORTEST:g} s."
+            f"there is one manoeuvre, '{flight.name}', of {n * flight.dt:.1f} s: too short to "
+            f"predict one part from another.\nGive several manoeuvres, or one of at least {2 * _SHORTEST:g} s."
         )
     edges = np.linspace(0, n, parts + 1).astype(int)
     return [flight.between(a, b, f"{flight.name}, part {k}") for k, (a, b) in enumerate(pairwise(edges), 1)]
@@ -236,42 +236,44 @@ def _groups(names: Sequence[str], held_out: Sequence[str]) -> list[tuple[int, ..
     if missing:
         raise DataError(f"held-out recording '{missing[0]}' is not there; there are {', '.join(names)}.")
     if len(set(held_out)) == len(names):
-        raise DataError("all recordings are held out; leave some to find parameters from.")
+        raise DataError("all recordings are held out; keep some to estimate parameters.")
     return [tuple(names.index(h) for h in dict.fromkeys(held_out))]
 
 
-def _pulls(deviations: Iterable[tuple[Nuisance, float, float]]) -> tuple[Pull, ...]:
-    """The largest deviations from stated values; what no tolerance is stated for is not among them."""
+def _largest(deviations: Iterable[tuple[Nuisance, float, float]]) -> tuple[ToleranceDeviation, ...]:
+    """Largest deviations of the parameters with a stated tolerance."""
     stated = [(n, float(x), float(std)) for n, x, std in deviations if n.effect]
     stated.sort(key=lambda one: -abs(one[1]))
-    return tuple(Pull(n.name, x, x * n.sd, std * n.sd, n.unit) for n, x, std in stated[:_HARDEST])
+    return tuple(
+        ToleranceDeviation(n.name, x, x * n.sd, std * n.sd, n.unit) for n, x, std in stated[:_LISTED_DEVIATIONS]
+    )
 
 
 def _levels(problem: DiagnosisProblem, responses: Sequence[str]) -> dict[str, float]:
-    """Constant part of what is left of each response, mean over the flights."""
+    """Constant part of the residual of each response, mean over the flights."""
     left_of = problem.held_out_residuals
     levels = {c: [x[r.part(c)][0] / r.weight[c][0] / np.sqrt(len(r.flight)) for r, x in left_of] for c in responses}
     return {c: float(np.mean(each)) for c, each in levels.items()}
 
 
-def strained(pulls: Sequence[Pull]) -> list[str]:
-    """Remarks on tolerances pulled further than any is, hardest first: what was found does not account for them."""
+def exceeded_notes(deviations: Sequence[ToleranceDeviation]) -> list[str]:
+    """Notes on exceeded tolerances that no finding explains, the largest first."""
     return [
-        f"'{p.name}' is pulled {p.deviations:+.1f} of its stated standard deviations, which is more than a tolerance; "
-        "no effect was likely enough to be named for it; look there first"
-        for p in pulls[:_SAID]
-        if p.is_strained
+        f"'{p.name}' deviates by {p.deviations:+.1f} of its stated standard deviations, beyond its tolerance, and no "
+        "effect is probable enough to explain this: check it first"
+        for p in deviations[:_REPORTED]
+        if p.is_exceeded
     ]
 
 
 def unpredicted(remaining: Mapping[str, tuple[float, bool]]) -> list[str]:
-    """A remark on responses of which little was foretold: in them hardly anything could be seen to be missing."""
-    much = [f"{c} {left:.2f}" for c, (left, _) in remaining.items() if left > _DROWNED]
+    """Note on responses that are predicted badly: an effect in them would hardly show."""
+    much = [f"{c} {left:.2f}" for c, (left, _) in remaining.items() if left > _UNPREDICTED]
     if not much:
         return []
     return [
-        f"most of what was measured is not foretold, of its rms {', '.join(much)} is left: noise, or what does not "
-        "come back on other recordings. What the simulation lacks there would have to be as large to show"
+        f"large residuals remain, relative to the measured rms: {', '.join(much)}. They are noise or differ between "
+        "recordings; only an effect of similar size would show in these responses"
     ]
 
 

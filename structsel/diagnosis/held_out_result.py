@@ -99,7 +99,7 @@ class HeldOutSimulation:
     seconds : float [s]
         Length of a window.
     windows : int
-    stretch : ExampleWindows or None
+    example : ExampleWindows or None
     reason : str
         Why there is no simulation; else empty.
     """
@@ -107,7 +107,7 @@ class HeldOutSimulation:
     rows: tuple[ChannelScores, ...] = ()
     seconds: float = 0.0
     windows: int = 0
-    stretch: ExampleWindows | None = None
+    example: ExampleWindows | None = None
     reason: str = ""
 
     @property

@@ -202,7 +202,7 @@ def simulate_stages(predicted: Sequence[PredictedCoefficients], seconds: float) 
     reduction = errors[best, stages[0]] - errors[best, stages[-1]]
     simulated_by_stage = {stage: found[:, j, k] for k, stage in enumerate(stages)}
     example = _example(flights, windows, (read[j], path[j]), simulated_by_stage, best, reduction)
-    return replace(made, stretch=example)
+    return replace(made, example=example)
 
 
 def _with_inertia(flight: Flight) -> Aircraft:

@@ -1,4 +1,4 @@
-"""What a diagnosis says."""
+"""Result of a diagnosis."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from structsel.deprecation import renamed_attribute
 from structsel.diagnosis.held_out_result import HeldOutSimulation
 from structsel.diagnosis.judging import ResponseFit
 from structsel.effects.base import ParameterEstimate
@@ -18,10 +19,10 @@ from structsel.tables import Column, Summary, Table, text_column
 Verdict = Literal["mismatch", "consistent", "undecidable"]
 SCHEMA = "structsel.diagnosis/2"
 UNNAMED = "unknown"
+"""Name of an effect that is not in the library."""
 LISTED = 0.005
-"""Probability from which an effect is listed beside the likeliest."""
-"""Name of physics that no hypothesis carries."""
-_STRAINED = 4.0  # stated standard deviations of a tolerance, beyond which it is none
+"""Probability from which an effect is listed after the most probable one."""
+_EXCEEDED = 4.0  # standard deviations from which a tolerance is exceeded
 
 
 _COLUMNS = (
@@ -46,9 +47,9 @@ class Physics:
     parameters : mapping of name to ParameterEstimate
     terms : tuple of str
     plausible : str
-        Empty, or what is implausible about the parameters.
+        Reason why the parameters are implausible; empty if they are plausible.
     check : str
-        What to look at on the aircraft or in the simulation.
+        Recommended check of the aircraft or the simulation.
     """
 
     effect: str
@@ -62,12 +63,12 @@ class Physics:
 
 @dataclass(frozen=True)
 class Bars:
-    """One response on flights not used for fitting, three times.
+    """Errors of one response on held-out flights, at three stages.
 
     Attributes
     ----------
     delivered, refitted, physics : ResponseFit
-        The simulation as it came, refitted within tolerances, and with the physics found.
+        The simulation as given, retuned within tolerances, and with the effects found.
     """
 
     delivered: ResponseFit
@@ -83,7 +84,7 @@ class Event:
     ----------
     recording : str
     t, std : float [s]
-        When, and its standard deviation.
+        Time of the change, and its standard deviation.
     shape : str
         "step", "ramp" or "pulse".
     """
@@ -101,29 +102,29 @@ class EffectFinding:
     Attributes
     ----------
     axes : tuple of str
-        Responses it shows in, the clearest first.
+        Responses in which it shows, the clearest first.
     kind : str
     physics : tuple of Physics
-        Likeliest first.
-    intervals : mapping of recording to stretches [s]
-        When it acts; empty where it acts all the time.
+        The most probable first.
+    intervals : mapping of recording to intervals [s]
+        Times at which it acts; empty if it acts all the time.
     region : mapping of channel to (low, high)
-        Channels that bound it; empty where it acts everywhere flown.
+        Ranges of channels in which it acts; empty if it acts in all recorded conditions.
     ambiguous_with : tuple of str
-        Effects that these recordings cannot tell from the first, likeliest first; "unknown" last, where all that was
-        found leaves too much.
+        Effects that these recordings cannot distinguish from the first, the most probable first; "unknown" last, if
+        the residual of all effects is too large.
     to_separate : str
-        What would: in words, and of manoeuvres tried with the simulation the best.
+        Manoeuvre that would distinguish them: in words, and the best of those that were simulated.
     manoeuvre : Recording, optional
-        That one's inputs, departures from trim; with a tie only, where one tells the two apart.
+        Inputs of that manoeuvre, deviations from trim; only for ambiguous effects that one distinguishes.
     events : tuple of Event
-        Moments at which the differences change, where that is what was detected.
+        Times at which the differences change, if such a change was detected.
     bars : mapping of response to Bars
         After this finding and those before it.
     explainable, explained : float
-        Shares of the mismatch variance: by any function of the channels; by this physics (and those before).
-    share : float
-        Of the explained mismatch, that this effect carries.
+        Fractions of the variance of the differences: by a regression on all channels; by this effect and those before.
+    fraction : float
+        Of the variance that all findings explain.
     """
 
     axes: tuple[str, ...]
@@ -136,18 +137,20 @@ class EffectFinding:
     bars: Mapping[str, Bars]
     explainable: float
     explained: float
-    share: float
+    fraction: float
     manoeuvre: Recording | None = None
     events: tuple[Event, ...] = ()
 
+    share = renamed_attribute("fraction")
+
     @property
     def effect(self) -> str:
-        """Name of the likeliest."""
+        """Name of the most probable effect."""
         return self.physics[0].effect
 
     @property
     def probability(self) -> float:
-        """Probability that this mismatch is there, whatever its name: the names share it."""
+        """Probability of this mismatch: the sum over the effects that may cause it."""
         return min(1.0, sum(p.probability for p in self.physics))
 
     def to_dict(self) -> dict[str, Any]:
@@ -187,19 +190,19 @@ class EffectFinding:
                 "explainable": self.explainable,
                 "explained": self.explained,
             },
-            "share": self.share,
+            "share": self.fraction,
         }
 
 
 @dataclass(frozen=True)
-class Pull:
-    """How hard one tolerance was pulled.
+class ToleranceDeviation:
+    """Estimated deviation of one parameter from its stated value.
 
     Attributes
     ----------
     name : str
     deviations : float
-        In its stated standard deviations.
+        In stated standard deviations, the tolerance of the parameter.
     value, std : float
     unit : str
     """
@@ -210,10 +213,12 @@ class Pull:
     std: float
     unit: str
 
+    is_strained = renamed_attribute("is_exceeded")
+
     @property
-    def is_strained(self) -> bool:
-        """Whether it is pulled further than any tolerance is."""
-        return abs(self.deviations) > _STRAINED
+    def is_exceeded(self) -> bool:
+        """Whether the deviation exceeds the tolerance beyond doubt."""
+        return abs(self.deviations) > _EXCEEDED
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +229,7 @@ class Trace:
     ----------
     t : (n,) array [s]
     measured, simulated, refitted, explained : mapping of response to (n,) array
-        In the compared band: as measured, as delivered, refitted within tolerances, and with the physics.
+        In the compared band: measured, simulated as given, retuned within tolerances, and with the effects.
     channels : mapping of channel to (n,) array
         Smoothed.
     """
@@ -239,46 +244,46 @@ class Trace:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Result):
-    """What the simulation leaves out, as far as the recordings can say.
+    """Effects that the simulation lacks, and the evidence for them.
 
     Attributes
     ----------
     verdict : {"mismatch", "consistent", "undecidable"}
     findings : tuple of EffectFinding
-        Largest share of the mismatch first.
+        The one that explains most first.
     not_testable : mapping of effect to what it needs
     remaining : mapping of response to (rrmse, white)
-        What is left after the last finding.
-    pulls : tuple of Pull
-        Tolerances pulled hardest, first.
+        Residual after the last finding.
+    deviations : tuple of ToleranceDeviation
+        Deviations from the stated values, the largest first.
     remarks : tuple of str
-        Doubts, and what was noticed.
+        Warnings and notes.
     form : str
-        Of the simulation.
+        Form of the simulation.
     responses : tuple of str
     recordings : tuple of str
     held_out : tuple of str
-        Recordings that were held out by name; empty where each was, in turn.
+        Recordings that were held out by name; empty if each was held out in turn.
     model : AeroModel or None
-        The simulation plus what was missing.
+        The simulation with the missing effects.
     traces : mapping of recording to Trace
     detects : mapping of effect to mapping of str to float
-        The self-test: ``size`` (smallest share of the rms, in its clearest response, at which it would be named) and,
-        per rival, nats that tell them apart at the size found or usual.
+        The self-test: ``size`` (smallest fraction of the rms, in its clearest response, at which it would be named),
+        and for similar effects the log Bayes factor that separates them from it.
     seconds : float
     replayed : HeldOutSimulation or None
-        The simulation flown again in short windows, on recordings not used for fitting.
+        Simulation of held-out recordings in short windows.
     considered : float
-        Probability of a mismatch where none is found.
+        Probability of a mismatch if none is found.
     levels : mapping of response to float
-        Constant part of what is left, in the response's unit: mean over the recordings.
+        Constant part of the residual in the unit of the response: mean over the recordings.
     """
 
     verdict: Verdict
     findings: tuple[EffectFinding, ...]
     not_testable: Mapping[str, str]
     remaining: Mapping[str, tuple[float, bool]]
-    pulls: tuple[Pull, ...]
+    deviations: tuple[ToleranceDeviation, ...]
     remarks: tuple[str, ...]
     form: str
     responses: tuple[str, ...]
@@ -294,13 +299,15 @@ class Diagnosis(Result):
 
     @property
     def probability(self) -> float:
-        """Probability that anything beyond the stated tolerances and instruments is there; turbulence is not."""
+        """Probability of any mismatch beyond the stated tolerances, except turbulence."""
         return max([self.considered, *(f.probability for f in self.findings if f.kind != "random")])
+
+    pulls = renamed_attribute("deviations")
 
     @property
     def within_tolerances(self) -> bool:
         """Whether no parameter had to leave its stated tolerance for recordings and simulation to agree."""
-        return not any(pull.is_strained for pull in self.pulls)
+        return not any(one.is_exceeded for one in self.deviations)
 
     def to_dict(self) -> dict[str, Any]:
         """Content of diagnosis.json."""
@@ -316,7 +323,7 @@ class Diagnosis(Result):
             },
             "tolerances": [
                 {"name": p.name, "deviations": p.deviations, "value": p.value, "std": p.std, "unit": p.unit}
-                for p in self.pulls
+                for p in self.deviations
             ],
             "remarks": list(self.remarks),
             "form": self.form,
@@ -329,7 +336,7 @@ class Diagnosis(Result):
 
     def summary(self) -> Summary:
         """The verdict and the effects found; ``str`` is the full report."""
-        from structsel.diagnosis.story import headline  # the text report imports the results, not the reverse
+        from structsel.diagnosis.text_report import headline  # the text report imports the results, not the reverse
 
         rows = tuple(
             (f.effect, f.physics[0].probability, ", ".join(f.axes), f.explained, f.physics[0].says)
@@ -338,6 +345,6 @@ class Diagnosis(Result):
         return Summary("", headline(self), tables=(Table(_COLUMNS, rows),), warnings=self.remarks)
 
     def __str__(self) -> str:
-        from structsel.diagnosis.story import tell
+        from structsel.diagnosis.text_report import text_report
 
-        return tell(self)
+        return text_report(self)

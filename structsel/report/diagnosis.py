@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from structsel.diagnosis.held_out_result import ChannelScores, ExampleWindows, HeldOutSimulation
-from structsel.diagnosis.result import Diagnosis, EffectFinding, Pull, Trace
-from structsel.diagnosis.story import (
-    HARD_PULL,
+from structsel.diagnosis.result import Diagnosis, EffectFinding, ToleranceDeviation, Trace
+from structsel.diagnosis.text_report import (
+    LARGE_DEVIATION,
     about,
     headline,
     is_shown,
@@ -107,7 +107,7 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
     }
     flights = {name: _flight(one, responses, channels) for name, one in diagnosis.traces.items()}
     replayed = diagnosis.replayed
-    charts = [_windows_chart(replayed, replayed.stretch)] if replayed and replayed.stretch else []
+    charts = [_windows_chart(replayed, replayed.example)] if replayed and replayed.example else []
     data = chart_data(flights, _STAGES, units, verb="simulated", hidden=["refitted"], binned=binned, charts=charts)
     return {
         **data,
@@ -230,7 +230,7 @@ def _explained_text(place: int, finding: EffectFinding) -> str:
     )
     return (
         f"Explains {format_percent(finding.explained)} of the variance of the differences{with_others}{regression}. "
-        f"Its fraction of the explained variance is {format_percent(finding.share)}."
+        f"Its fraction of the explained variance is {format_percent(finding.fraction)}."
     )
 
 
@@ -260,7 +260,7 @@ def _explained(diagnosis: Diagnosis) -> Section | None:
     for k, f in enumerate(shown_findings(diagnosis)):
         text = f"{format_percent(f.explained)} explained, {format_percent(f.explainable)} explainable"
         bar = Bar(0.0, _percent(f.explained) or 0.0, text, f"f{k % 4}", mark=_percent(f.explainable))
-        rows.append((f"{k + 1}. {f.effect}", ", ".join(f.axes), f.explained, bar, f.explainable, f.share))
+        rows.append((f"{k + 1}. {f.effect}", ", ".join(f.axes), f.explained, bar, f.explainable, f.fraction))
     numbers = (
         Column("explained", "%"),
         Column("mark: regression"),
@@ -303,7 +303,7 @@ def _resimulation(result: HeldOutSimulation | None) -> Section | None:
     )
     rows = tuple(map(_resimulation_row, result.rows))
     table = Table((text_column("channel"), Column("band"), *columns), rows, note=note)
-    return Section(title, text=(text,), tables=(table,), charts=("windows",) if result.stretch else ())
+    return Section(title, text=(text,), tables=(table,), charts=("windows",) if result.example else ())
 
 
 def _resimulation_row(row: ChannelScores) -> tuple[Any, ...]:
@@ -330,7 +330,7 @@ def _remaining(diagnosis: Diagnosis) -> Section:
 
 def _tolerances(diagnosis: Diagnosis) -> Section | None:
     """Estimated deviations of parameters with a tolerance."""
-    if not diagnosis.pulls:
+    if not diagnosis.deviations:
         return None
     text = (
         "Estimated deviations of the parameters of the simulation and the instruments, in their stated standard "
@@ -338,12 +338,12 @@ def _tolerances(diagnosis: Diagnosis) -> Section | None:
     )
     heads = (text_column("parameter"), Column("σ"), Column("−4 σ to +4 σ"), Column("deviation"))
     return Section("Deviations from the stated values", text=(text,),
-                   tables=(Table(heads, tuple(map(_tolerance_row, diagnosis.pulls))),))  # fmt: skip
+                   tables=(Table(heads, tuple(map(_tolerance_row, diagnosis.deviations))),))  # fmt: skip
 
 
-def _tolerance_row(one: Pull) -> tuple[Any, ...]:
+def _tolerance_row(one: ToleranceDeviation) -> tuple[Any, ...]:
     factor, unit = display_unit(one.unit)
-    large = abs(one.deviations) >= HARD_PULL
+    large = abs(one.deviations) >= LARGE_DEVIATION
     length = round(min(50.0, 12.5 * abs(one.deviations)), 1)  # half of the width is 4 sigma
     low, high = (50.0, 50.0 + length) if one.deviations >= 0.0 else (50.0 - length, 50.0)
     value = f"{format_number(factor * one.value, 2, signed=True)} ± {format_number(factor * one.std, 1)} {unit}".strip()
