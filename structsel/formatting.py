@@ -129,6 +129,15 @@ def join_names(names: Iterable[Any], maximum: int | None = 6, last: str = "and")
     return f"{', '.join(head)} {last} {tail}" if head else tail
 
 
+def as_sentence(text: str) -> str:
+    """Return text with a capital at its beginning and a full stop at its end; nothing for nothing.
+
+    >>> as_sentence("steps of this control alone"), as_sentence("Is it rigid?"), as_sentence("")
+    ('Steps of this control alone.', 'Is it rigid?', '')
+    """
+    return f"{text[:1].upper()}{text[1:]}" + ("." if text and text[-1] not in ".?!" else "")
+
+
 def count_of(count: int, noun: str) -> str:
     """Return a number of things, "1 recording" or "3 recordings"."""
     return f"{count} {noun}{'s' * (count != 1)}"

@@ -5,10 +5,13 @@ from dataclasses import replace
 
 import pytest
 
+from structsel.diagnosis.assembling import joined
 from structsel.diagnosis.result import ToleranceDeviation
 from structsel.diagnosis.text_report import no_model, text_report
+from structsel.effects import EFFECTS
 from structsel.effects.base import ParameterEstimate
-from structsel.formatting import format_estimate, format_probabilities, format_probability, format_range
+from structsel.formatting import as_sentence, format_estimate, format_probabilities, format_probability, format_range
+from structsel.report import render
 from tests.diagnoses import GROUND, NAMES, TURBULENCE, VANE, diagnosis, fits
 
 
@@ -78,7 +81,7 @@ def test_agreement_with_a_tolerance_exceeded_is_not_reported_as_within_tolerance
     deviations = (ToleranceDeviation("thrust", -8.0, -0.24, 0.01, "relative"),)
     stated = flat(text_report(diagnosis(verdict="consistent", deviations=deviations)))
     assert stated.startswith("CONSISTENT, but not within the stated tolerances")
-    assert "'thrust' deviates by -8.0 of its stated standard deviations." in stated
+    assert "'thrust' deviates by -8.0 stated standard deviations." in stated
 
 
 def test_turbulence_is_stated_with_a_consistent_verdict_and_is_no_missing_effect():
@@ -180,6 +183,25 @@ def test_figures_that_are_not_known_are_left_out_rather_than_printed():
 )
 def test_an_estimate_has_the_digits_it_is_known_to_and_angles_are_in_degrees(estimate, text):
     assert format_estimate(estimate.value, estimate.std, estimate.unit) == text
+
+
+def test_a_number_that_rounds_to_zero_has_no_minus_sign():
+    assert format_estimate(-0.0005, 0.07) == "0.00 +- 0.07"
+    small = diagnosis(deviations=(ToleranceDeviation("mass", -0.02, -0.0002, 0.01, "relative"),))
+    assert "mass: +0.0 standard deviations" in render(small)
+
+
+def test_two_forms_of_one_effect_are_one_sentence():
+    slopes = ["Slopes fall with dynamic pressure: lift 8 %.", "Slopes fall with dynamic pressure: lift 31 %."]
+    assert joined(slopes) == "Slopes fall with dynamic pressure: lift 8 %; and lift 31 %."
+    assert joined(["It lacks beta^2: 0.7.", "It lacks r_hat: -0.3."]) == "It lacks beta^2: 0.7. It lacks r_hat: -0.3."
+
+
+def test_what_to_check_and_to_fly_is_a_sentence_whatever_the_effect():
+    for effect in EFFECTS:
+        for text in (as_sentence(effect.separated_by), as_sentence(effect.check)):
+            assert not text or (text[0].upper() == text[0] and text[-1] in ".?!")
+            assert ".." not in text
 
 
 def test_a_region_is_in_the_units_people_read_and_may_be_open():

@@ -11,7 +11,7 @@ from statsmodels.discrete.conditional_models import ConditionalLogit
 
 from proof import calibrate
 from structsel.diagnosis import judging, scoring, weighing
-from structsel.diagnosis.assembling import Member, shares
+from structsel.diagnosis.assembling import Member, explained_fractions
 from structsel.diagnosis.weighing import jackknifed
 from structsel.effects.base import EffectParameter
 from structsel.numerics.evidence import Trial
@@ -34,7 +34,7 @@ def test_probabilities_are_a_softmax_with_nothing_among_the_choices():
 
 
 def scored(with_effect, delivered, kind="atmospheric", input_only=None, unconfirmed_weight=0.0):
-    """An effect with its log Bayes factors beside tolerances, and as delivered."""
+    """An effect with its log Bayes factors over tolerances, and over the simulation as given."""
     return SimpleNamespace(
         event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
         input_only=input_only, unconfirmed_weight=unconfirmed_weight,
@@ -50,7 +50,7 @@ def test_a_mismatch_that_two_effects_explain_alike_is_as_probable_as_with_one():
     alone, pair = weighing.first_probabilities([one], 0.0), weighing.first_probabilities([one, one], 0.0)
     assert alone[0] < 0.2
     assert pair == pytest.approx([alone[0], 0.5 * alone[1], 0.5 * alone[1]])
-    unconfirmed = weighing.CandidateEffect(scored(900.0, 900.0, "static"), x)  # its rivals count against it
+    unconfirmed = weighing.CandidateEffect(scored(900.0, 900.0, "static"), x)  # its alternatives count against it
     assert unconfirmed.log_odds_alone == unconfirmed.log_odds
 
 
@@ -125,7 +125,7 @@ def test_an_effect_is_behind_the_best_by_its_gain_at_admission():
 
 
 def problem_of(signals):
-    """Benches that hold white rows of one response of several flights: a level, and cosine coefficients."""
+    """Problems that hold white rows of one response of several flights: a level, and cosine coefficients."""
     rows = SimpleNamespace(part=lambda response: slice(None), flight=SimpleNamespace(name="m01"))
     left = [(rows, np.concatenate([[0.0], dct(x, norm="ortho")])) for x in signals]
     return SimpleNamespace(held_out_residuals=left, fitted_residuals=left, responses=("CZ",))
@@ -154,7 +154,7 @@ def test_an_effect_explains_a_fraction_of_each_response_however_small_that_is():
 
     problem = SimpleNamespace(subset=plain, judged_responses=["CZ", "Cm", "CY"])  # nothing is amiss in CY
     both = [Member((), (0,)), Member((), (1,))]
-    assert shares(problem, both) == pytest.approx([0.75, 0.75])
+    assert explained_fractions(problem, both) == pytest.approx([0.75, 0.75])
 
 
 def test_the_jackknife_of_a_mean_is_its_standard_error():

@@ -96,6 +96,14 @@ def test_a_damper_that_was_on_in_some_manoeuvres_only_is_confined_to_those():
     assert not any(v.only_in for v in hypothesis.variants(damped) if v.about == "q to elevator")
 
 
+def test_the_sentence_of_a_rate_limit_has_no_standard_error_of_a_rate_that_was_tried():
+    limit = effect_named("actuator-rate-limit")
+    form = next(v for v in limit.variants(compare(fly())) if v.about == "elevator, with a lag")
+    said = limit.says(fitted_effect(form, {"fraction": 1.0}))
+    assert said.startswith("The elevator, with a lag, moves no faster than ")
+    assert "+-" not in said
+
+
 def test_surfaces_that_never_move_cannot_be_delayed():
     flights = compare(fly(size=1e-13))
     for h in EFFECTS:

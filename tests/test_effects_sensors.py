@@ -10,7 +10,7 @@ from structsel.comparison.sensitivity import misread, reading
 from structsel.effects.sensors import EFFECTS
 from structsel.recording import Recording
 from structsel.simulation import Instruments
-from tests.effect_fits import best, effect_named, explain
+from tests.effect_fits import best, effect_named, explain, fitted_effect
 from tests.exact_flights import AIRCRAFT, compare, fly
 
 
@@ -117,3 +117,19 @@ def test_a_reading_that_jumps_in_several_manoeuvres_is_found_with_its_times():
         assert_allclose(found.variant.shape[f"time in {name}"], start, atol=0.021)  # to the sample
     assert_allclose(found.values["bias"], off, rtol=0.05)
     assert found.explained > 0.95
+
+
+def test_the_sentence_of_a_bias_has_its_sign_and_then_its_times():
+    bias = effect_named("sensor-bias")
+    forms = {v.about: v for v in bias.variants(faulty(bias={"alpha": 0.03}))}
+    vane, drifting = "the angle of attack vane", "the angle of attack vane, drifting"
+    assert bias.says(fitted_effect(forms[vane], {"bias": -0.03})) == (
+        "The angle of attack vane is biased by -1.72 +- 0.2 deg."
+    )
+    assert bias.says(fitted_effect(forms[drifting], {"drift": 0.01})) == (
+        "The angle of attack vane drifts by 0.573 +- 0.06 deg/min."
+    )
+    jumped = next(about for about in forms if about.startswith(f"{vane}, in "))
+    assert bias.says(fitted_effect(forms[jumped], {"bias": 0.03})).startswith(
+        f"The angle of attack vane is biased by 1.72 +- 0.2 deg, {jumped.removeprefix(vane + ', ')}"
+    )

@@ -12,16 +12,16 @@ from structsel.effects.model_forms import add_term
 from structsel.numerics.arrays import Array
 
 _ELSEWHERE = {
-    "sensor": "lies in what an instrument reads",
-    "inertial": "lies in mass, inertia or centre of gravity, which the aircraft file states",
-    "atmospheric": "lies in the air",
-    "random": "lies in the air",
+    "sensor": "is an error of an instrument",
+    "inertial": "is an error of mass, inertia or centre of gravity, which the aircraft file states",
+    "atmospheric": "is a motion of the air",
+    "random": "is a motion of the air",
 }
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Addition(ModelForm):
-    """One effect as what it is in a model; without terms and states where it has none.
+    """Terms and states of one effect in a model; empty if it has none.
 
     Attributes
     ----------
@@ -63,14 +63,14 @@ def addition_of(hypothesis: Effect, case: ModelCase, theta: Array, covariance: A
         return Addition(effect=effect, theta=theta, covariance=covariance, remark=remark, **parts)
 
     if hypothesis.kind in _ELSEWHERE:
-        return made(remark=f"{effect} {_ELSEWHERE[hypothesis.kind]}: model.json is without it")
+        return made(remark=f"{effect} {_ELSEWHERE[hypothesis.kind]}: model.json does not contain it")
     if case.variant.model is not None and (form := case.variant.model(case)) is not None:
         return made(form)
     if (terms := exact_terms(case.variant, case.flights)) is not None:
         return made(ModelForm(terms={c: _without_lift(mine, case) for c, mine in terms.items() if mine}))
     if hypothesis.event:
-        what = "is a matter of when it was recorded, which a model does not know"
-        return made(remark=f"{effect} {what}: model.json is without it")
+        what = "acts at certain times of these recordings"
+        return made(remark=f"{effect} {what}: model.json does not contain it")
     return made()
 
 

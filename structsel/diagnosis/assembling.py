@@ -1,4 +1,4 @@
-"""From what was ranked to findings: parameters, where each acts, what it brings, what it may be taken for."""
+"""Findings from the ranking: parameters, where each effect acts, its gain, and its alternatives."""
 
 from __future__ import annotations
 
@@ -18,55 +18,58 @@ from structsel.diagnosis.result import LISTED, UNNAMED, Bars, EffectFinding, Phy
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.weighing import SLIGHT, jackknifed, judged_on
 from structsel.effects.base import FittedEffect, ParameterEstimate, Variant
+from structsel.formatting import as_sentence, format_percent, join_names
 from structsel.numerics.arrays import Array
 
-_SHOWN = 0.15  # of the largest gain, that a response must have to be named
+_SHOWN = 0.15  # fraction of the largest gain from which a response is listed
 _LEAST = 0.01
+_UNKNOWN_SAYS = "A cause that is not in the library."
 _TEMPERATURE, _OF_BEST = 4.0, 0.02
-"""By which log evidence of forms is divided, as rows are nearly white only; and of the best's, as no form is right."""
+"""Temperature of the weights of forms, because rows are only nearly white; and its least value over the log evidence of
+the best form, because no form is exact."""
 _BEYOND = 1.4
-"""By which standard deviations are widened for what forms to first order leave out: of 59 parameters of an earlier look
-(seeds from 1089000) 71 % lay within their 90 % intervals; so widened, 85 % would have."""
-_RIVALS = 4
+"""Factor on standard errors for the error of first-order forms: of 59 parameters of an earlier study (seeds from
+1089000) 71 % were within their 90 % intervals, and 85 % with this factor."""
+_ALTERNATIVES = 4
 _TIES = 3
-_DOUBT = 0.08
-"""Share of what is beyond the noise in a finding's responses that may stay before none of the names may be right."""
-_MOST_LOST = 0.5
-"""And of the names' probability that is lost to something unknown, which is as much as stays: what else is missing may
-be one effect more, beside one that is named rightly."""
+_LARGE_RESIDUAL = 0.08
+"""Fraction of the power beyond the noise in the responses of a finding, from which its cause may be another one."""
+_MAX_UNKNOWN = 0.5
+"""Largest fraction of the probability that goes to "unknown", which otherwise is the residual fraction: the residual
+may be that of a further effect, and the first one right."""
 
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """Effects taken in that are one finding: the same effect in several places."""
+    """Forms in the model that are one finding: the same effect in several places."""
 
     steps: tuple[Step, ...]
     places: tuple[int, ...]
 
     @property
     def effect(self) -> str:
-        """Its name."""
+        """Name of the effect."""
         return self.steps[0].score.effect
 
 
 def gather(ranking: Ranking) -> list[Member]:
-    """Effects taken in, each once, in the order found."""
+    """Effects in the model, each once, in the order in which they entered."""
     groups: dict[str, list[int]] = {}
     for k, step in enumerate(ranking.steps):
         groups.setdefault(step.score.effect, []).append(k)
     return [Member(tuple(ranking.steps[k] for k in each), tuple(each)) for each in groups.values()]
 
 
-def shares(problem: DiagnosisProblem, members: Sequence[Member]) -> list[float]:
-    """Part of the mismatch that each finding carries: its mean gain over all orders of taking them in.
+def explained_fractions(problem: DiagnosisProblem, members: Sequence[Member]) -> list[float]:
+    """Fraction of the mismatch that each finding explains: its mean gain over all orders of entering (Shapley value).
 
-    The gain is in the sum of squares of each response that is judged, as a share of what tolerances leave of it: what
-    they explain is no mismatch.
+    The gain is the decrease of the sum of squares of each judged response, relative to its residual with tolerances.
+    The part that tolerances explain is no mismatch.
 
     Parameters
     ----------
-    bench : Bench
-        With all of them taken in.
+    problem : DiagnosisProblem
+        With all of them in the model.
     members : sequence of Member
     """
     known: dict[frozenset[int], Array] = {}
@@ -80,26 +83,26 @@ def shares(problem: DiagnosisProblem, members: Sequence[Member]) -> list[float]:
         return known[taken]
 
     made = np.zeros(len(members))
-    whole = np.maximum(left(frozenset()), np.finfo(float).tiny)
+    total = np.maximum(left(frozenset()), np.finfo(float).tiny)
     orders = list(permutations(range(len(members))))
     for order in orders:
         taken: frozenset[int] = frozenset()
         for i in order:
-            made[i] += np.sum((left(taken) - left(taken | {i})) / whole)
+            made[i] += np.sum((left(taken) - left(taken | {i})) / total)
             taken = taken | {i}
     return [max(0.0, float(x)) for x in made / len(orders)]
 
 
 def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str, ParameterEstimate]:
-    """Parameters of the k-th effect taken in, those of its shape from the weights of its forms."""
+    """Parameters of the k-th effect in the model; those of its shape from the weights of its forms."""
     variant = problem.accepted[k].variant
     part = problem.place(k)
     mean = problem.base.posterior.mean[part]
-    # Rows are white as far as the noise is known; what they still miss widens what they say.
+    # Rows are white as far as the noise is known; a chi-square above one widens the standard errors.
     rows = sum(len(y) for y in problem.base.y)
     wide = np.sqrt(max(1.0, problem.base.posterior.chi2 / rows))
     std = np.sqrt(np.diag(problem.base.posterior.covariance[part, part])) * wide
-    if not score.event:  # nor do flights agree with each other as far as noise alone would have it
+    if not score.event:  # the scatter between flights is larger than the noise alone
         std = np.maximum(std, jackknifed(problem.base.solved[1:, part]))
     alike = [
         (np.log(max(w, 1e-300)), s.variant.shape, t.theta)
@@ -108,7 +111,7 @@ def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str
         and (s.variant.about, s.variant.only_in) == (variant.about, variant.only_in)
         and len(t.theta) == len(variant.parameters)
     ]
-    # No form is quite right: those that are nearly as good count too, and their spread is part of what is not known.
+    # No form is exact: the spread of those that are nearly as good is part of the uncertainty.
     logs = np.array([w for w, _, _ in alike]) / max(_TEMPERATURE, _OF_BEST * score.log_evidence)
     weights = np.exp(logs - logs.max())
     weights = weights / weights.sum()
@@ -129,7 +132,7 @@ def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str
 
 
 def found_by(score: EffectScore) -> FittedEffect:
-    """A rival as it stood when it was tried."""
+    """Estimates of an alternative in the form by which it is judged."""
     variant, trial = score.signature.variant, score.trial
     std = np.sqrt(np.diag(trial.covariance))
     made = {
@@ -149,7 +152,7 @@ def noise_rms(problem: DiagnosisProblem) -> dict[str, float]:
 
 
 def implausible(variant: Variant, found: Mapping[str, ParameterEstimate]) -> str:
-    """What is implausible about parameters; empty where nothing is."""
+    """Parameters outside their plausible limits, as text; empty if there are none."""
     said = []
     for p in variant.parameters:
         e = found[p.name]
@@ -159,13 +162,13 @@ def implausible(variant: Variant, found: Mapping[str, ParameterEstimate]) -> str
 
 
 def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[EffectFinding]:
-    """Findings, the largest share of the mismatch first; fits are cumulative in that order."""
+    """Findings, the largest fraction of the mismatch first; fits are cumulative in that order."""
     problem = ranking.problem
     members = gather(ranking)
     if not members:
         return []
     plain = problem.as_given
-    carried = shares(problem, members)
+    carried = explained_fractions(problem, members)
     order = np.argsort(carried)[::-1]
     total = sum(carried)
     responses = problem.judged_responses
@@ -191,11 +194,11 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Ef
         region = find_region(problem.flights, parts, noise)
         physics, ties = _physics(problem, member)
         hypothesis = member.steps[0].score.hypothesis
-        told_apart = hypothesis.separated_by if ties else ""
-        stays = _stays(bare, plain, member, axes)
-        if stays > _DOUBT:
+        to_separate = as_sentence(hypothesis.separated_by) if ties else ""
+        left = _residual_fraction(bare, plain, member, axes)
+        if left > _LARGE_RESIDUAL:
             ties = (*[e for e in ties if e != UNNAMED][: _TIES - 1], UNNAMED)
-            physics = _doubted(physics, stays, axes)
+            physics = _with_unknown(physics, left, axes)
         made.append(
             EffectFinding(
                 axes,
@@ -204,7 +207,7 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Ef
                 intervals,
                 region,
                 ties,
-                told_apart,
+                to_separate,
                 bars,
                 _mean(explainable, axes),
                 judging.explained(delivered, after, axes),
@@ -216,13 +219,13 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Ef
 
 
 def _axes(gained: Mapping[str, float], problem: DiagnosisProblem, member: Member) -> tuple[str, ...]:
-    """Responses whose error falls, the clearest first."""
+    """Responses whose error decreases, the largest decrease first."""
     touched = {c for k in member.places for c in problem.accepted[k].responses}
     mine = {c: g for c, g in gained.items() if c in touched}
     if not mine:
         return tuple(touched)
-    most = max(mine.values())
-    named = [c for c, g in mine.items() if g >= max(_LEAST, _SHOWN * most)]
+    largest = max(mine.values())
+    named = [c for c, g in mine.items() if g >= max(_LEAST, _SHOWN * largest)]
     return tuple(sorted(named, key=lambda c: -mine[c])) or (max(mine, key=lambda c: mine[c]),)
 
 
@@ -231,20 +234,20 @@ def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, 
     hypothesis = step.score.hypothesis
     fitted = [estimates(problem, k, s.score) for k, s in zip(member.places, member.steps)]
     sizes: dict[str, float] = {}
-    says = " ".join(
-        hypothesis.says(FittedEffect(problem.accepted[k].variant, e, sizes)) for k, e in zip(member.places, fitted)
+    says = joined(
+        [hypothesis.says(FittedEffect(problem.accepted[k].variant, e, sizes)) for k, e in zip(member.places, fitted)]
     )
     probabilities = dict(step.alternatives)
     merged: dict[str, ParameterEstimate] = dict(fitted[0])
     for j, more in enumerate(fitted[1:], 2):
         merged |= {f"{name} ({j})" if name in merged else name: e for name, e in more.items()}
     terms = tuple(t for k in member.places for t in problem.accepted[k].variant.terms)
-    doubts = "; ".join(
+    limits = "; ".join(
         filter(None, (implausible(problem.accepted[k].variant, e) for k, e in zip(member.places, fitted)))
     )
-    best = Physics(
-        step.score.effect, probabilities.get(step.score.effect, 1.0), says, merged, terms, doubts, hypothesis.check
-    )
+    probability = probabilities.get(step.score.effect, 1.0)
+    check = as_sentence(hypothesis.check)
+    best = Physics(step.score.effect, probability, says, merged, terms, limits, check)
     alternatives = []
     for score in step.others:
         p = probabilities.get(score.effect, 0.0)
@@ -253,23 +256,31 @@ def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, 
             says_too = score.hypothesis.says(found)
             alternatives.append(Physics(score.effect, p, says_too, found.estimates, score.signature.variant.terms))
     if probabilities.get(UNNAMED, 0.0) >= LISTED:
-        alternatives.append(Physics(UNNAMED, probabilities[UNNAMED], "Something that none of them explains."))
-    alternatives = sorted(alternatives, key=lambda p: -p.probability)[: _RIVALS - 1]
+        alternatives.append(Physics(UNNAMED, probabilities[UNNAMED], _UNKNOWN_SAYS))
+    alternatives = sorted(alternatives, key=lambda p: -p.probability)[: _ALTERNATIVES - 1]
     ties = [
         e
         for e, p in step.alternatives
         if e not in (step.score.effect, "nothing") and p > TIED * probabilities.get(step.score.effect, 1.0)
     ]
-    if step.constant:  # of a constant, only its share in each response tells what it is
+    if step.constant:  # a constant is identified by its fraction in each response only
         tried = {s.effect for s in step.others}
         ties += [e for e in hypothesis.look_alikes if e in tried and e not in ties]
     return (best, *alternatives), tuple(ties[:_TIES])
 
 
-def _stays(bare: DiagnosisProblem, plain: DiagnosisProblem, member: Member, axes: Sequence[str]) -> float:
-    """Share of what moves beyond the noise that everything found leaves in some responses, as delivered.
+def joined(sentences: Sequence[str]) -> str:
+    """Sentences of one effect in several places; a common beginning up to a colon is written once."""
+    lead, colon, _ = sentences[0].partition(": ")
+    if not colon or len(sentences) == 1 or not all(s.startswith(lead + colon) for s in sentences):
+        return " ".join(sentences)
+    return lead + colon + "; and ".join(s.removeprefix(lead + colon).rstrip(".") for s in sentences) + "."
 
-    What is a mere level has no motion to tell it by.
+
+def _residual_fraction(bare: DiagnosisProblem, plain: DiagnosisProblem, member: Member, axes: Sequence[str]) -> float:
+    """Fraction of the power beyond the noise that all effects leave in some responses, with exact tolerances.
+
+    Zero for an effect that is a constant part only.
     """
     step = member.steps[0]
     if step.constant:
@@ -280,14 +291,14 @@ def _stays(bare: DiagnosisProblem, plain: DiagnosisProblem, member: Member, axes
     return min(left / beyond, 1.0) if beyond > 0.0 else 0.0
 
 
-def _doubted(physics: Sequence[Physics], stays: float, axes: Sequence[str]) -> tuple[Physics, ...]:
-    """Explanations of what they leave much of, and that it may be something else; likeliest first."""
-    lost = min(stays, _MOST_LOST)
-    says = f"It leaves {stays:.0%} of what lies beyond the noise in {', '.join(axes)}."
+def _with_unknown(physics: Sequence[Physics], left: float, axes: Sequence[str]) -> tuple[Physics, ...]:
+    """Physics with the probability of an unknown cause after a large residual, the most probable first."""
+    lost = min(left, _MAX_UNKNOWN)
+    says = f"It leaves {format_percent(left)} of the power beyond the noise in {join_names(axes)}."
     known = [replace(one, probability=(1.0 - lost) * one.probability) for one in physics if one.effect != UNNAMED]
     known[0] = replace(known[0], says=f"{known[0].says} {says}")
-    whole = sum(one.probability for one in physics)
-    other = Physics(UNNAMED, whole - sum(one.probability for one in known), "Something that none of them explains.")
+    total = sum(one.probability for one in physics)
+    other = Physics(UNNAMED, total - sum(one.probability for one in known), _UNKNOWN_SAYS)
     return known[0], *sorted([other, *known[1:]], key=lambda one: -one.probability)
 
 

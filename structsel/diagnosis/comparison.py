@@ -80,7 +80,7 @@ class EffectComparison:
 
     @cached_property
     def signatures(self) -> tuple[EffectSignature, ...]:
-        """Every form of every effect that these recordings can show; computed when first asked for."""
+        """Every form of every effect that these recordings can show; computed when first used."""
         return tuple(
             EffectSignature(
                 s.hypothesis.name, s.variant.about, tuple(p.name for p in s.variant.parameters), tuple(s.spectra)
@@ -151,7 +151,7 @@ def comparison(
 ) -> EffectComparison:
     """Differences between recordings and a simulation, as `diagnose` sees them before it ranks effects.
 
-    Use it to try another way of ranking on the same differences and signatures, or to ask whether an effect of known
+    Use it to try another ranking method on the same differences and signatures, or to ask whether an effect of known
     size could be detected in these recordings.
 
     Parameters

@@ -11,7 +11,7 @@ import scipy
 from structsel.comparison.causal_rows import DELAY, CausalRows, Null, delayed
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.tolerances import Nuisance
-from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, imitated
+from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, explained_by_form
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.result import Event
 from structsel.nomenclature import COEFFICIENTS
@@ -161,7 +161,7 @@ def detect(flights: Sequence[Flight], problem: DiagnosisProblem, identified: boo
     inside = [x[rows.edge : len(x) - rows.edge] for x in F]
     remainder = {c: _remainder(rows, null, c, [x * rows.size[c] for x in inside], form) for c in rows.responses}
     events = [_event(rows, null, i) for i in range(len(flights))]
-    alike = imitated(problem, rows.size, form)
+    alike = explained_by_form(problem, rows.size, form)
     causes = exceeded(rows.tolerances, null.mean, null.covariance, form=alike) + exceeded_as_recorded(problem, alike)
     best: dict[str, ExceededTolerance] = {}
     for one in sorted(causes, key=lambda one: -one.log_bayes):

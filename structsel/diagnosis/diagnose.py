@@ -211,7 +211,7 @@ def set_up(
 
 
 def split_flight(flight: Flight) -> list[Flight]:
-    """Parts of a single flight, each of which can be held out.
+    """Parts of a single flight, which can be held out in turn.
 
     Raises
     ------
@@ -259,7 +259,7 @@ def _levels(problem: DiagnosisProblem, responses: Sequence[str]) -> dict[str, fl
 def exceeded_notes(deviations: Sequence[ToleranceDeviation]) -> list[str]:
     """Notes on exceeded tolerances that no finding explains, the largest first."""
     return [
-        f"'{p.name}' deviates by {p.deviations:+.1f} of its stated standard deviations, beyond its tolerance, and no "
+        f"'{p.name}' deviates by {p.deviations:+.1f} stated standard deviations, beyond its tolerance, and no "
         "effect is probable enough to explain this: check it first"
         for p in deviations[:_REPORTED]
         if p.is_exceeded

@@ -1,4 +1,4 @@
-"""Stated tolerances that are exceeded: the evidence for each of them, and the effect that it then is."""
+"""Evidence for stated tolerances that are exceeded, and the effects to which they belong."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import wider_priors
 
 _WIDER = np.array([5.0, 15.0, 50.0])
-"""Times a stated tolerance (1 sigma), by which something may be off that exceeds it; equally probable."""
+"""Prior standard deviations of an exceeded parameter, over its stated tolerance (1 sigma); equally probable."""
 _EVEN = 4.0
-"""Stated tolerances by which something well determined is off that as probably exceeds its tolerance as not."""
+"""Deviation in stated tolerances at which a well determined parameter has probability one half to be exceeded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +31,11 @@ class ExceededTolerance:
     deviations : float
         From the stated value, in stated tolerances.
     std : float
-        Standard error of that.
+        Standard error of the deviation.
     log_bayes : float
-        Log Bayes factor of the tolerance exceeded over all as stated.
+        Log Bayes factor of the exceeded tolerance over all as stated.
     alone : float
-        Probability that no other is exceeded besides, and that nothing without a stated tolerance is the cause.
+        Probability that no other tolerance is exceeded, and that no parameter without a tolerance is the cause.
     """
 
     tolerance: Nuisance
@@ -51,7 +51,7 @@ class ExceededTolerance:
 
     @property
     def effect(self) -> str:
-        """Name of the effect that it is: what deviates by more than its own value is not in the simulation."""
+        """Name of the effect; a parameter that deviates by more than its own value is not in the simulation."""
         n = self.tolerance
         return n.absent if n.absent and abs(self.estimate.value) > 1.0 else n.effect
 
@@ -82,21 +82,21 @@ def exceeded(
     worth: float = 1.0,
     form: Mapping[str, float] | None = None,
 ) -> tuple[ExceededTolerance, ...]:
-    """The stated tolerances that may be exceeded, the most probable first.
+    """Stated tolerances that may be exceeded, the most probable first.
 
-    Each is tried with all others as they are; its prior is then wider by one of some factors.
+    The prior of each in turn is widened by one of several factors, with all others as stated.
 
     Parameters
     ----------
     tolerances : sequence of Nuisance
     mean, covariance : (k,) and (k, k) array [prior standard deviations]
-        Posterior of these tolerances and of whatever else is uncertain.
+        Posterior of these parameters and of all others.
     scale : (k,) array or float
         Prior standard deviations, in stated tolerances.
     worth : float
         Factor on the log Bayes factors.
     form : mapping of tolerance to float, optional
-        Stated tolerances by which the form of the simulation may imitate it; see `imitated`.
+        Deviations that the form of the simulation may explain; see `explained_by_form`.
     """
     stated_scale = np.broadcast_to(scale, mean.shape)
     scale = np.array(stated_scale)
@@ -116,16 +116,16 @@ def exceeded(
     return tuple(made)
 
 
-def imitated(problem: DiagnosisProblem, size: Mapping[str, float], form: float) -> dict[str, float]:
-    """Stated tolerances by which each may seem off because of the form of the simulation.
+def explained_by_form(problem: DiagnosisProblem, size: Mapping[str, float], form: float) -> dict[str, float]:
+    """Apparent deviation of each parameter [stated tolerances] that the error of the simulation's form may explain.
 
     Parameters
     ----------
-    bench : Bench
+    problem : DiagnosisProblem
     size : mapping of response to float
-        The rms by which the simulated response varies.
+        Rms variation of the simulated response.
     form : float
-        What the form of the simulation leaves, of that.
+        Error of the form, relative to this variation.
     """
     made = {}
     for n in problem.nuisances:
@@ -138,10 +138,10 @@ def imitated(problem: DiagnosisProblem, size: Mapping[str, float], form: float) 
 def exceeded_as_recorded(
     problem: DiagnosisProblem, form: Mapping[str, float] | None = None
 ) -> tuple[ExceededTolerance, ...]:
-    """The same on rows that look both ways, as far as what is left cannot have caused the motion.
+    """Exceeded tolerances from the rows of the diagnosis, which use later samples too.
 
-    White noise of the instruments moves no aircraft; of anything else that is left of the forces the motion may be a
-    consequence. So the evidence counts in proportion to the share of the white noise.
+    The white noise of the instruments causes no motion, but any other residual of the forces may have caused it. The
+    evidence therefore counts in proportion to the white noise in the residual.
     """
     k = len(problem.nuisances)
     base = problem.base

@@ -14,6 +14,7 @@ from structsel.candidates.terms import Factor
 from structsel.comparison.flight import Flight
 from structsel.comparison.surrogate import Surrogate, identify
 from structsel.diagnosis.adding import Addition
+from structsel.formatting import format_percent
 from structsel.model import ResponseModel, State, recorded_ranges
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
@@ -37,7 +38,7 @@ class Extended:
         self._blocks: dict[str, list[tuple[list[Term], Array]]] = {c: [] for c in base}
 
     def take(self, one: Addition) -> bool:
-        """Add an effect; False, and nothing added, where its states stand in the place of what another's do."""
+        """Add an effect; return False and add nothing if its states replace the same channel as those of another."""
         taken = {(c, channel) for c, swaps in self._replaced.items() for channel in swaps}
         if set(one.states) & set(self._states) or taken & {(c, x) for c, s in one.replaced.items() for x in s}:
             return False
@@ -53,32 +54,32 @@ class Extended:
             self._add(c, list(terms), values, np.zeros((len(values), len(values))))
         return True
 
-    def stand_for(self, effect: str, added: Sequence[Mapping[str, Array]]) -> str:
-        """Add terms of the states that stand for an effect along the recordings; the remark that says so."""
+    def add_regression(self, effect: str, added: Sequence[Mapping[str, Array]]) -> str:
+        """Add a regression on the states in place of an effect, for these recordings; return the note on it."""
         wanted = sorted({c for each in added for c, x in each.items() if c in COEFFICIENTS and np.any(x)})
-        whole = [{c: each.get(c, np.zeros(len(f))) for c in wanted} for f, each in zip(self._flights, added)]
-        stand_in = identify(self._flights, whole, wanted)
+        contributions = [{c: each.get(c, np.zeros(len(f))) for c in wanted} for f, each in zip(self._flights, added)]
+        stand_in = identify(self._flights, contributions, wanted)
         made = as_models(stand_in, self._flights)
         terms = {c: {t: np.array([v]) for t, v in zip(m.terms, m.values.tolist())} for c, m in made.items()}
         for c, mine in self._turned(terms).items():
             values = np.concatenate(list(mine.values()))
             self._add(c, list(mine), values, np.full((len(values), len(values)), np.nan))
-        shares = ", ".join(f"{stand_in.r2[c]:.0%} of it in {c}" for c in wanted)
+        explained = ", ".join(f"{format_percent(stand_in.r2[c])} in {c}" for c in wanted)
         return (
-            f"{effect} has here no terms or states of a model: model.json holds what it amounts to along these "
-            f"recordings, by terms of the states ({shares or 'nothing'})"
+            f"{effect} has no terms or states of a model in this form: model.json contains a regression on the "
+            f"states in its place, for these recordings (explained variance: {explained or 'none'})"
         )
 
     def responses(self) -> dict[str, ResponseModel]:
-        """All of them, those that nothing was added to as they were."""
+        """Models of all responses."""
         return {c: self._response(c, model) for c, model in self._base.items()}
 
     def _turned(self, terms: Mapping[str, Mapping[Term, Array]]) -> dict[str, dict[Term, Array]]:
-        """Terms in the axes of the base; of responses that it lacks, none."""
-        ways = _TO_WIND if "CL" in self._base else _TO_BODY
+        """Terms in the axes of the base, without responses that it lacks."""
+        conversion = _TO_WIND if "CL" in self._base else _TO_BODY
         made: dict[str, dict[Term, Array]] = {}
         for c, mine in terms.items():
-            for to, by, sign in ways.get(c, ((c, Term("1"), 1.0),)):
+            for to, by, sign in conversion.get(c, ((c, Term("1"), 1.0),)):
                 if to in self._base:
                     held = made.setdefault(to, {})
                     for term, weights in mine.items():
@@ -107,22 +108,22 @@ class Extended:
             at = [place[t] for t in mine]
             covariance[np.ix_(at, at)] += block
         for t in added:
-            # The difference was found beside the value as it was: what is not known of the sum is the difference's.
+            # The value of the simulation is taken as exact: the standard error of the sum is that of the difference.
             errors[t] = float(np.sqrt(max(covariance[place[t], place[t]], 0.0)))
-        whole = None
+        joint = None
         if own.covariance is not None and np.isfinite(covariance).all():
             alone = [i for i, t in enumerate(kept) if t not in added]
             at = [place[kept[i]] for i in alone]
             covariance[np.ix_(at, at)] = own.covariance[np.ix_(alone, alone)]
-            whole = covariance
+            joint = covariance
         named = {c for t in added for c in t.channels} - set(own.ranges)
-        flown = [c for c in sorted(named) if all(c in f or c in f.channels for f in self._flights)]
-        region = recorded_ranges([{c: f[c] for c in flown} for f in self._flights], flown) if flown else {}
+        recorded = [c for c in sorted(named) if all(c in f or c in f.channels for f in self._flights)]
+        region = recorded_ranges([{c: f[c] for c in recorded} for f in self._flights], recorded) if recorded else {}
         return replace(
             own,
             terms=tuple(terms),
             values=np.array([values.get(t, 0.0) + added.get(t, 0.0) for t in terms]),
-            covariance=whole,
+            covariance=joint,
             standard_errors=np.array([errors[t] for t in terms]),
             error_dof=None,  # those of the added terms are not known
             method=f"{own.method or 'as given'}, physics added",
@@ -146,13 +147,13 @@ _TO_WIND = {
 
 
 def as_models(stand_in: Surrogate, flights: Sequence[Flight]) -> dict[str, ResponseModel]:
-    """A stand-in as responses anyone can evaluate."""
+    """Models of the responses of a surrogate."""
     made = {}
     for c, terms in stand_in.terms.items():
         texts, values = ["1"], [stand_in.constant[c]]
         for term, value in zip(terms, stand_in.values[c]):
             size = float(value / np.prod([stand_in.scale[f] for f in term]))
-            if term == (_RATE,):  # a flight takes a rate only as it is, since it depends on the force it helps to make
+            if term == (_RATE,):  # this rate is not centred: it depends on the force
                 texts.append(_RATE)
                 values[0] -= size * stand_in.centre[_RATE]
             else:

@@ -23,9 +23,9 @@ class WindowScore:
     Attributes
     ----------
     rms : float [unit of the channel]
-        Error against the smoothed recording, over all samples of all windows but their starts.
+        Error against the smoothed recording, over all samples of all windows except their starts.
     tic : float
-        Theil's coefficient of the change since each window's start; nan where neither side moves.
+        Theil's coefficient of the change since the start of a window; nan if both are constant.
     inside : float
         Fraction of the readings within the band about the simulated channel.
     """
@@ -51,7 +51,7 @@ class ChannelScores:
     band : float [unit]
         Half-width.
     stages : mapping of stage to WindowScore
-        Of ``delivered``, ``refitted`` and, where an effect was found, ``physics``.
+        ``delivered``, ``refitted`` and, if an effect was found, ``physics``.
     """
 
     channel: str
@@ -69,7 +69,7 @@ class ChannelScores:
 
 @dataclass(frozen=True, eq=False)
 class ExampleWindows:
-    """Windows for a figure: those where the error of the most improved channel falls most.
+    """Windows for a figure: those in which the error of the most improved channel decreases most.
 
     Attributes
     ----------
@@ -95,13 +95,13 @@ class HeldOutSimulation:
     Attributes
     ----------
     rows : tuple of ChannelScores
-        Channels that the recordings have and the simulation moves.
+        Recorded channels that the simulation computes.
     seconds : float [s]
         Length of a window.
     windows : int
     example : ExampleWindows or None
     reason : str
-        Why there is no simulation; else empty.
+        Reason why there is no simulation; empty otherwise.
     """
 
     rows: tuple[ChannelScores, ...] = ()
@@ -112,7 +112,7 @@ class HeldOutSimulation:
 
     @property
     def gained(self) -> ChannelScores | None:
-        """Row of the channel whose error falls most; None without rows."""
+        """Row of the channel whose error decreases most; None without rows."""
         return min(self.rows, key=lambda row: row.left, default=None)
 
     def to_frame(self) -> pd.DataFrame:

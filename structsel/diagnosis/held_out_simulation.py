@@ -1,4 +1,4 @@
-"""Held-out recordings simulated in windows: the simulation as delivered, refitted, and with the missing physics.
+"""Held-out recordings simulated in windows: the simulation as given, retuned, and with the missing effects.
 
 The importance of differences of coefficients shows in the motion. Each manoeuvre is cut into windows that start from
 the recorded state, and the rigid body is simulated with the coefficients that each stage predicts along the recorded
@@ -66,12 +66,12 @@ def simulate_held_out(ranking: Ranking) -> HeldOutSimulation:
     Returns
     -------
     HeldOutSimulation
-        Without rows, and with the reason, where there is nothing to simulate.
+        Without rows and with the reason if there is nothing to simulate.
     """
     flights = ranking.problem.flights
     if not set(AIRFRAME) <= set(flights[0].channels) or not set(flights[0].simulated) & set(COEFFICIENTS):
         return HeldOutSimulation(
-            reason="the simulation gives no aerodynamic coefficient, and no motion follows from anything else"
+            reason="the simulation states no aerodynamic coefficients, from which the motion is computed"
         )
     predicted = list(predictions_by_stage(ranking))
     return simulate_stages(predicted, window_length([one.flight for one in predicted]))
@@ -80,9 +80,8 @@ def simulate_held_out(ranking: Ranking) -> HeldOutSimulation:
 def predictions_by_stage(ranking: Ranking) -> Iterator[PredictedCoefficients]:
     """Coefficients that each stage predicts for the held-out recordings, its parameters estimated on the others.
 
-    As with the bars, a response is corrected where the correction predicts it better than the simulation as delivered.
-    Mean levels are those measured, at all stages: constant biases differ in each recording. Without an accepted effect
-    there are two stages.
+    A response is corrected if the correction predicts it better than the simulation as given. Mean values are those of
+    the measurement at all stages, because biases differ between recordings. Without an effect there are two stages.
     """
     problem = ranking.problem
     plain, tuned = problem.as_given, problem.subset([])
@@ -97,8 +96,8 @@ def predictions_by_stage(ranking: Ranking) -> Iterator[PredictedCoefficients]:
                 "refitted": {c: x for c, x in tuning.items() if c in refitted},
             }
             if problem.accepted:
-                alone, whole = predicted_differences(plain, g, m), predicted_differences(problem, g, m)
-                added["physics"] = alone | {c: x for c, x in whole.items() if c in with_it}
+                exact, tuned_too = predicted_differences(plain, g, m), predicted_differences(problem, g, m)
+                added["physics"] = exact | {c: x for c, x in tuned_too.items() if c in with_it}
             yield PredictedCoefficients(f, {stage: _levelled(f, more) for stage, more in added.items()})
 
 
@@ -123,7 +122,7 @@ def predicted_differences(problem: DiagnosisProblem, g: int, m: int) -> dict[str
 
 
 def _levelled(flight: Flight, more: Mapping[str, Array]) -> dict[str, Array]:
-    """Responses with something added, moved to the level measured as it is compared: the ends count little."""
+    """Responses with additions, shifted to the mean of the measurement; the ends have little weight."""
     weight = taper(len(flight), edge_of(flight)) ** 2
     weight = weight / weight.sum()
     none = np.zeros(len(flight))
@@ -132,10 +131,10 @@ def _levelled(flight: Flight, more: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def window_length(flights: Sequence[Flight]) -> float:
-    """Length of the windows [s]: two short periods of the simulation, no less than 1 s and no more than 3 s.
+    """Length of the windows [s]: two short periods of the simulation, at least 1 s and at most 3 s.
 
     The short period is that of the angle of attack alone, 2 pi (-qbar S cbar Cm_alpha / Iy)^-1/2 with the median of
-    qbar Cm_alpha; where that is not known, or not stable, windows take 2 s.
+    qbar Cm_alpha. Windows of 2 s are taken if it is unknown or unstable.
     """
     aircraft = flights[0].aircraft
     if aircraft.inertia is None:
@@ -155,12 +154,12 @@ def simulate_stages(predicted: Sequence[PredictedCoefficients], seconds: float) 
     predicted : sequence of PredictedCoefficients
         With the same stages and responses in all recordings.
     seconds : float
-        Length of a window; each recording is cut into even ones of about that.
+        Approximate length of a window; each recording is divided evenly.
 
     Returns
     -------
     HeldOutSimulation
-        Without rows, and with the reason, where a window cannot be simulated to its end.
+        Without rows and with the reason if a window cannot be simulated to its end.
     """
     flights = [one.flight for one in predicted]
     windows = Windows.split([len(f) for f in flights], [f.dt for f in flights], seconds)
@@ -172,7 +171,7 @@ def simulate_stages(predicted: Sequence[PredictedCoefficients], seconds: float) 
     except DomainError as error:
         return HeldOutSimulation(reason=f"a window leaves the range of the equations of motion: {error}")
     if found is None:
-        return HeldOutSimulation(reason="the simulation diverges within a window: its slopes make the motion explode")
+        return HeldOutSimulation(reason="the simulation diverges within a window: its derivatives are unstable")
     stages = list(predicted[0].stages)
     sampled = np.arange(len(found)) <= windows.length[:, None]  # (windows, samples)
     sampled[:, 0] = False
@@ -206,7 +205,7 @@ def simulate_stages(predicted: Sequence[PredictedCoefficients], seconds: float) 
 
 
 def _with_inertia(flight: Flight) -> Aircraft:
-    """The aircraft; any moments of inertia where it has none: the moments are then those of the recorded rotation."""
+    """The aircraft; if it has no moments of inertia, with arbitrary ones, which the recorded rotation does not need."""
     if flight.aircraft.inertia is not None:
         return flight.aircraft
     some = float(flight["mass"][0]) * flight.aircraft.b**2
@@ -244,7 +243,7 @@ def _example(
     channel: str,
     reduction: Array,
 ) -> ExampleWindows:
-    """Windows of the recording in which a channel's error falls most, a few about the one where it falls most."""
+    """Windows of the recording in which the error of a channel decreases most, around the largest decrease."""
     owner = int(np.argmax(np.bincount(windows.recording, reduction)))
     own = np.flatnonzero(windows.recording == owner)
     few = max(1, _DRAWN // int(windows.length.max()))

@@ -22,10 +22,10 @@ _NOTHING = 1e-9  # of it, below which a term is none
 
 
 def exact_terms(variant: Variant, flights: Sequence[Flight]) -> dict[str, dict[Term, Array]] | None:
-    """Terms whose fixed sums the columns of an effect are along all flights.
+    """Terms whose fixed sums are the columns of an effect, in all flights.
 
-    The terms that the form names are tried, then the same turned from wind to body axes, then with the linear terms of
-    the response beside them, which some forms are fitted without.
+    The terms that the form states are tried first, then the same terms in body axes, then both with the linear terms of
+    the response, to which some forms are orthogonal.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def exact_terms(variant: Variant, flights: Sequence[Flight]) -> dict[str, dict[T
     Returns
     -------
     mapping of response to mapping of Term to (k,) array, or None
-        Value of each term per unit of each parameter; None where some column is no such sum.
+        Value of each term per unit of each parameter; None if a column is no such sum.
     """
     columns = [variant.columns(f) for f in flights]
     responses = sorted({c for each in columns for c in each})
@@ -72,18 +72,18 @@ class _Lifting:
 
 
 def _match(terms: Sequence[Term], flights: Sequence[Flight], y: Array) -> dict[Term, Array] | None:
-    """Weights (k,) of terms whose sums the columns (n, k) are; None where they are not."""
+    """Weights (k,) of terms whose sums are the columns (n, k); None if there are none."""
     try:
         X = np.concatenate([np.column_stack([t.evaluate(_Lifting(f)) for t in terms]) for f in flights])
     except StructselError:
         return None
-    size, most = np.abs(X).max(axis=0), np.abs(y).max(axis=0)
-    if not most.any():
+    size, largest = np.abs(X).max(axis=0), np.abs(y).max(axis=0)
+    if not largest.any():
         return {}
     scaled = X / np.where(size > 0.0, size, 1.0)
     weights = np.linalg.lstsq(scaled, y, rcond=1e-13)[0]
-    if (np.abs(y - scaled @ weights).max(axis=0) > _EXACT * most).any():
+    if (np.abs(y - scaled @ weights).max(axis=0) > _EXACT * largest).any():
         return None
-    kept = (np.abs(weights) > _NOTHING * np.where(most > 0.0, most, 1.0)).any(axis=1) & (size > 0.0)
+    kept = (np.abs(weights) > _NOTHING * np.where(largest > 0.0, largest, 1.0)).any(axis=1) & (size > 0.0)
     weights = np.linalg.lstsq(scaled[:, kept], y, rcond=1e-13)[0] / size[kept, None]
     return dict(zip([t for t, k in zip(terms, kept) if k], weights))

@@ -1,4 +1,4 @@
-"""The simulation plus what was missing, as a model."""
+"""Model of the simulation with the missing effects."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from structsel.nomenclature import COEFFICIENTS
 
 @dataclass(frozen=True, eq=False)
 class CorrectedModel(AeroModel):
-    """A simulation with the physics that it left out.
+    """Model of a simulation with the effects that it lacks.
 
     Attributes
     ----------
     remarks : tuple of str
-        What of it is not in the model as what it is, and why.
+        Effects that the model does not contain in their own form, and the reasons.
     patched : Patched or None
-        The simulation itself with the physics, where it was an aircraft of JSBSim and the physics can be written so.
+        The corrected aircraft of JSBSim, if the simulation is one and the effects can be written into it.
     """
 
     remarks: tuple[str, ...] = ()
@@ -35,11 +35,11 @@ class CorrectedModel(AeroModel):
 
 
 def corrected_model(prepared: PreparedComparison, ranking: Ranking) -> CorrectedModel | None:
-    """Model of the simulation with the physics found; None where the responses are no coefficients.
+    """Model of the simulation with the effects found; None if the responses are no coefficients.
 
-    A simulation that is a model stays as it is, its terms and values with it; of any other, few terms of the states
-    stand for it. To these comes each effect: as terms with the values found, as states with dynamics of their own that
-    terms follow, or, where it has neither, by terms that stand for what it amounts to along the recordings.
+    The terms and values of a simulation that is a model are kept. Any other simulation is represented by its surrogate,
+    a regression on the states. Each effect is added as terms with the estimated values, as states with their own
+    dynamics, or, if it has neither, as a regression on the states along the recordings.
     """
     problem, flights = ranking.problem, ranking.problem.flights
     responses = [c for c in flights[0].simulated if c in COEFFICIENTS]
@@ -47,10 +47,10 @@ def corrected_model(prepared: PreparedComparison, ranking: Ranking) -> Corrected
     if not responses or stand_in is None:
         return None
     if own is not None:
-        base, name = dict(own.responses), f"{own.name or 'model'} with the physics it left out"
+        base, name = dict(own.responses), f"{own.name or 'model'} with the missing effects"
     else:
         base = as_models(stand_in, flights)
-        name = "simulation with the physics it left out"
+        name = "simulation with the missing effects"
     made = Extended(base, flights)
     additions, remarks = [], []
     for k, (step, signature) in enumerate(zip(ranking.steps, problem.accepted)):
@@ -59,7 +59,7 @@ def corrected_model(prepared: PreparedComparison, ranking: Ranking) -> Corrected
         sds = np.array([p.sd for p in signature.variant.parameters])
         part = problem.place(k)
         spread = problem.base.posterior.covariance[part, part]
-        # As wide as the parameters are said to be.
+        # Scaled to the standard errors of the parameters.
         wide = np.array([estimated[n].std for n in names]) / np.sqrt(np.diag(spread))
         one = addition_of(
             signature.hypothesis,
@@ -71,7 +71,7 @@ def corrected_model(prepared: PreparedComparison, ranking: Ranking) -> Corrected
         if one.remark:
             remarks.append(one.remark)
         elif not one.is_known or not made.take(one):
-            remarks.append(made.stand_for(one.effect, contributions(problem, [k])))
+            remarks.append(made.add_regression(one.effect, contributions(problem, [k])))
     patched = None
     if prepared.simulation.form == "jsbsim":
         patched = patched_aircraft(

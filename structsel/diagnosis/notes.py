@@ -1,4 +1,4 @@
-"""What instruments or the air do that kinematics shows and no coefficient minds: no finding, but worth a word."""
+"""Notes on errors of instruments and motion of the air that only the kinematic residuals show."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from structsel.diagnosis.assembling import found_by
 from structsel.diagnosis.ranking import Ranking
 from structsel.diagnosis.weighing import log_bayes
 
-_PLAIN = 100.0  # nats
-_TAKES = 0.5  # of what lies beyond the noise, or beyond the biases, in some kinematic response
+_PLAIN = 100.0  # log Bayes factor
+_TAKES = 0.5  # fraction explained beyond the noise, or beyond the biases, of some kinematic residual
 
 
 def notes(ranking: Ranking) -> list[str]:
-    """The plainest of what was not found but closes the kinematics, in a sentence.
+    """Note on the clearest effect that is no finding but explains a kinematic residual; empty if there is none.
 
     Parameters
     ----------
@@ -38,11 +38,13 @@ def notes(ranking: Ranking) -> list[str]:
         return []
     one = max(closing, key=log_bayes)
     says = one.hypothesis.says(found_by(one))
-    return [f"kinematics alone shows it ({log_bayes(one):.0f} nats), and no coefficient is the better for it: {says}"]
+    return [
+        f"only the kinematic residuals show this (log Bayes factor {log_bayes(one):.0f}), not the coefficients: {says}"
+    ]
 
 
 def _closes(before: Mapping[str, tuple[float, float]], after: Mapping[str, tuple[float, float]]) -> bool:
-    """Whether most is gone of what some kinematic response misses beyond noise, or beyond biases."""
+    """Whether most of some kinematic residual beyond the noise, or beyond the biases, is explained."""
     return any(
         b > 2.0 and (b - a) > _TAKES * (b - 1.0) for c in KINEMATIC if c in before for b, a in zip(before[c], after[c])
     )

@@ -1,4 +1,4 @@
-"""What effects and tolerances add to the differences in time, and what both leave."""
+"""Contributions of effects and tolerances to the differences over time, and the residual of both."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from structsel.numerics.arrays import Array
 
 
 def contribution(flight: Flight, variant: Variant, theta: Array) -> dict[str, Array]:
-    """What a variant adds to the differences of one flight, parameters in their units."""
+    """Contribution of a variant to the differences of one flight, parameters in their units."""
     return {c: (x if x.ndim == 2 else x[:, None]) @ theta for c, x in variant.columns(flight).items()}
 
 
 def contributions(problem: DiagnosisProblem, places: Sequence[int]) -> list[dict[str, Array]]:
-    """What some of the effects taken in add to the differences, per flight."""
+    """Contributions of some effects in the model to the differences, per flight."""
     made: list[dict[str, Array]] = []
     for f in problem.flights:
         total: dict[str, Array] = {}
@@ -33,7 +33,7 @@ def contributions(problem: DiagnosisProblem, places: Sequence[int]) -> list[dict
 
 
 def residuals(problem: DiagnosisProblem) -> list[dict[str, Array]]:
-    """What neither tolerances nor the effects taken in explain, per flight and response, at all frequencies."""
+    """Residual of tolerances and effects, per flight and response, at all frequencies."""
     moved = moved_by_tolerances(problem)
     effects = contributions(problem, range(len(problem.accepted)))
     return [
@@ -43,15 +43,15 @@ def residuals(problem: DiagnosisProblem) -> list[dict[str, Array]]:
 
 
 def white_fraction(problem: DiagnosisProblem) -> float:
-    """Share of white noise in what is left of the force that has the least of it; zero where there is no force.
+    """Fraction of white noise in the residual of the forces, the smallest of them; zero without forces.
 
-    White noise of the instruments moves no aircraft; of anything else that is left the motion may be a consequence.
+    The white noise of the instruments causes no motion; any other residual may have caused it.
     """
     return 1.0 - max(coloured_fractions(problem.flights, residuals(problem)).values(), default=1.0)
 
 
 def moved_by_tolerances(problem: DiagnosisProblem) -> list[dict[str, Array]]:
-    """What the tolerances, pulled as they are, add to the differences."""
+    """Contribution of the estimated deviations from the stated values to the differences."""
     deviations, _ = problem.deviations
     made = []
     for i, f in enumerate(problem.flights):

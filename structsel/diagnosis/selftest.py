@@ -1,4 +1,4 @@
-"""What these recordings can tell, before anything is asked of them."""
+"""Detectability of each effect in these recordings."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.signatures import Library, Signature
 from structsel.nomenclature import COEFFICIENTS
 
-_NAMED = 24.0  # nats expected of an effect that would be named
+_NAMED = 24.0  # expected log Bayes factor of an effect that would be named
 _CLOSEST = 3
 
 
 def self_test(problem: DiagnosisProblem, library: Library) -> dict[str, dict[str, float]]:
-    """Smallest size at which each effect would be named, and which effects would be taken for it.
+    """Smallest size at which each effect would be named, and the effects that are most similar to it.
 
-    Each hypothesis' clearest form is put into these very manoeuvres, without noise, at the size at which it would bring
-    `_NAMED` nats over what tolerances allow; the rivals are those whose own form could account for most of that.
+    The clearest form of each effect is added to these manoeuvres, without noise, at the size at which its log Bayes
+    factor over the tolerances is `_NAMED`. The most similar effects are those that leave least of it.
 
     Parameters
     ----------
-    bench : Bench
-        Without any effect taken in.
+    problem : DiagnosisProblem
+        Without effects in the model.
     library : Library
 
     Returns
     -------
     mapping of effect to mapping
-        ``size``: rms of the effect over the rms measured, in its clearest coefficient; ``nats against NAME`` for the
-        rivals that come closest.
+        ``size``: rms of the effect over the measured rms, in its clearest coefficient; ``nats against NAME``: log Bayes
+        factor over each of the most similar effects.
     """
     forms = []
     for hypothesis in library.effects:
@@ -52,15 +52,15 @@ def self_test(problem: DiagnosisProblem, library: Library) -> dict[str, dict[str
         scale = np.sqrt(2.0 * (_NAMED + 0.5 * np.log1p(power[-1])) / power[-1])
         theta = scale * direction[:, -1]
         found = {"size": _size(problem, signature, theta)}
-        nats = []
-        for (rival, _), other in zip(forms, parts):
-            if rival is not signature:
+        gains = []
+        for (similar, _), other in zip(forms, parts):
+            if similar is not signature:
                 cross = S[other, mine] @ theta
                 left = theta @ S[mine, mine] @ theta - cross @ np.linalg.solve(
-                    np.eye(rival.width) * 1e-2 + S[other, other], cross
+                    np.eye(similar.width) * 1e-2 + S[other, other], cross
                 )
-                nats.append((0.5 * float(left), rival.hypothesis.name))
-        found |= {f"nats against {name}": value for value, name in sorted(nats)[:_CLOSEST]}
+                gains.append((0.5 * float(left), similar.hypothesis.name))
+        found |= {f"nats against {name}": value for value, name in sorted(gains)[:_CLOSEST]}
         made[signature.hypothesis.name] = found
     return made
 
@@ -75,7 +75,7 @@ def _strength(problem: DiagnosisProblem, signature: Signature) -> float:
 
 
 def _size(problem: DiagnosisProblem, signature: Signature, theta: np.ndarray) -> float:
-    """Rms of an effect over the rms of what was measured, in the coefficient where that is largest."""
+    """Rms of an effect over the measured rms, in the coefficient where it is largest."""
     best = 0.0
     for c in problem.responses:
         if c not in COEFFICIENTS and set(problem.responses) & set(COEFFICIENTS):

@@ -1,8 +1,8 @@
-"""Which manoeuvre would tell two effects apart that the recordings cannot.
+"""Manoeuvre that separates two effects that the recordings cannot distinguish.
 
-Manoeuvres are flown with the simulation's stand-in: pulses of several widths on each control, all controls at once,
-and the input that `design_inputs` finds for the derivatives of the axis. Along each, what one effect does is set
-against all that the other, and stated tolerances, could make of it.
+Manoeuvres are simulated with the surrogate of the simulation: pulses of several widths on each control, all controls at
+once, and the input that `design_inputs` finds for the derivatives of the axis. For each, the contribution of one effect
+is regressed on the other effect and on the parameters with a tolerance. The residual is the information.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from structsel.recording import Recording
 from structsel.simulation import Instruments, Trim, linearise, simulate, trim
 
 _DURATION = 20.0  # s
-_WIDTHS = (0.3, 0.7, 1.6)  # s, of a pulse of one
+_WIDTHS = (0.3, 0.7, 1.6)  # s, of one pulse
 _BAND = (0.1, 2.0)  # Hz
-_SPEEDS = (0.1, 0.9)  # quantiles of what was flown, tried beside its median
-_LARGEST = 0.95  # quantile of a control's departures that counts as its largest
-_CLEAR = 3.0  # nats: twenty to one
+_SPEEDS = (0.1, 0.9)  # quantiles of the recorded airspeed, in addition to its median
+_LARGEST = 0.95  # quantile of the deflections of a control that counts as the largest
+_CLEAR = 3.0  # log Bayes factor: odds of twenty to one
 _FUNCTIONS, _COARSE = 8, 0.1  # of a designed input; s
 _NOISE = {"u": 0.3, "v": 0.3, "w": 0.3, "p": 1e-3, "q": 1e-3, "r": 1e-3, "theta": 2e-3, "phi": 2e-3}
 _MOVED = {c: SURFACES[c] for c in ("de", "da", "dr")} | {"thrust": "thrust"}
@@ -51,56 +51,56 @@ _AXES = {
     "Cn": ("dr", "n"),
     "CY": ("dr", "y"),
 }
-"""Of a response, its control and the first letter of its derivatives."""
+"""Control of each response, and the first letter of its derivatives."""
 
 
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """The manoeuvre, of those tried, that tells two effects apart best.
+    """The simulated manoeuvre that separates two effects best.
 
     Attributes
     ----------
     says : str
     inputs : Recording or None
-        Departures of controls from trim; None where no manoeuvre tried tells them apart.
+        Deviations of controls from trim; None if no simulated manoeuvre separates them.
     V : float [m/s]
-        At which it begins.
-    nats : float
-        Log likelihood that it is to give the one over the other, on average.
-    flown : float
-        The same of all recordings there are.
+        Airspeed at its start.
+    log_bayes : float
+        Expected log Bayes factor of the one effect over the other.
+    recorded : float
+        The same for all recordings.
     """
 
     says: str
     inputs: Recording | None
     V: float
-    nats: float
-    flown: float
+    log_bayes: float
+    recorded: float
 
 
 @dataclass(frozen=True, eq=False)
 class _Question:
-    """One effect, as it was found, or another."""
+    """One effect as it was found, against another."""
 
     problem: DiagnosisProblem
     one: EffectScore
     other: EffectScore
 
-    def flown(self) -> float:
-        """Nats of the recordings."""
+    def recorded(self) -> float:
+        """Expected log Bayes factor of the recordings."""
         a, b = self.one.signature, self.other.signature
         each = zip(self.problem.rows, self.problem.base.given, a.spectra, b.spectra)
-        return _told(self._products(r, given, x, y) for r, given, x, y in each)
+        return _information(self._products(r, given, x, y) for r, given, x, y in each)
 
     def along(self, flight: Flight) -> float:
-        """Nats of one more flight."""
+        """Expected log Bayes factor of one more flight."""
         own = as_spectra(side_by_side([(sd, x) for _, sd, x in biases_of(flight)], flight), flight)
         # The noise is that of the first recording.
         noisy = replace(flight, name=self.problem.flights[0].name)
         rows = Rows.of(noisy, self.problem.responses, self.problem.noise, own)
         allowed = as_spectra(side_by_side([(n.sd, n.columns[0]) for n in tolerances_of([flight])], flight), flight)
         made = [spectra_of(s.signature.variant, flight, self.problem.responses) for s in (self.one, self.other)]
-        return _told([self._products(rows, rows.whiten(allowed), *made)]) if made[0] else 0.0
+        return _information([self._products(rows, rows.whiten(allowed), *made)]) if made[0] else 0.0
 
     def _products(
         self, rows: Rows, given: Array, does: Mapping[str, Array], like: Mapping[str, Array]
@@ -109,14 +109,14 @@ class _Question:
         return NormalEquations.of(np.column_stack([given, rows.whiten(like, self.other.signature.width)]), y)
 
 
-def _told(each: Iterable[NormalEquations]) -> float:
-    """Half of the squares that columns leave of y, their priors being standard normal."""
+def _information(each: Iterable[NormalEquations]) -> float:
+    """Half of the residual sum of squares of y after a regression with standard normal priors."""
     products = reduce(add, each)
     return 0.5 * (products.c - float(products.b @ solve(products).mean))
 
 
 def with_separation(finding: EffectFinding, ranking: Ranking) -> EffectFinding:
-    """A finding that is tied, with the manoeuvre that tells its effect from the likeliest of the others."""
+    """An ambiguous finding with the manoeuvre that separates its effect from the most probable alternative."""
     found_at = next((k for k, s in enumerate(ranking.steps) if s.score.effect == finding.effect), None)
     if found_at is None or not finding.ambiguous_with:
         return finding
@@ -130,12 +130,12 @@ def with_separation(finding: EffectFinding, ranking: Ranking) -> EffectFinding:
 
 
 def find_separation(problem: DiagnosisProblem, one: EffectScore, other: EffectScore) -> Separation | None:
-    """The manoeuvre that best tells one effect, as it was found, from another; None where none can be flown.
+    """The manoeuvre that separates one effect, as it was found, best from another; None if none can be simulated.
 
     Parameters
     ----------
-    bench : Bench
-        On which both were tried.
+    problem : DiagnosisProblem
+        In which both were tested.
     one, other : EffectScore
     """
     flights = problem.flights
@@ -144,7 +144,7 @@ def find_separation(problem: DiagnosisProblem, one: EffectScore, other: EffectSc
     if stand_in is None or aircraft.inertia is None or not all_six or not set(COEFFICIENTS) <= set(stand_in.terms):
         return None
     question = _Question(problem, one, other)
-    flown = question.flown()
+    recorded = question.recorded()
     model = AeroModel(as_models(stand_in, flights), "stand-in")
     speeds = np.quantile(np.concatenate([f["V"] for f in flights]), [0.5, *_SPEEDS])
     height = float(np.mean([f["h"].mean() for f in flights if "h" in f.channels] or [0.0]))
@@ -155,38 +155,38 @@ def find_separation(problem: DiagnosisProblem, one: EffectScore, other: EffectSc
             start = trim(model, aircraft, V, height)
         except StructselError:
             continue
-        # Every input at the speed that is flown most, the best of them at others.
+        # Every input at the median speed, the best of them at the others.
         tried = [best[1]] if best else list(_inputs(model, aircraft, start, flights, one.signature.responses))
         for inputs in tried:
             flight = _fly(model, start, inputs, flights[0])
             if flight is None:
                 continue
             count += 1
-            nats = question.along(flight)
-            if best is None or nats > best[0]:
-                best = nats, inputs, V
+            gain = question.along(flight)
+            if best is None or gain > best[0]:
+                best = gain, inputs, V
     if best is None:
         return None
-    nats, inputs, V = best
+    gain, inputs, V = best
     seconds = sum(float(f.t[-1] - f.t[0]) for f in flights)
-    if nats < max(_CLEAR, flown * _DURATION / seconds):
+    if gain < max(_CLEAR, recorded * _DURATION / seconds):
         says = (
-            f"Of {count} manoeuvres tried with this simulation none tells {one.effect} from {other.effect} better than "
-            f"these recordings do, by {flown:.0f} nats in {seconds:.0f} s."
+            f"None of {count} simulated manoeuvres separates {one.effect} from {other.effect} better than these "
+            f"recordings (expected log Bayes factor {recorded:z.0f} in {seconds:.0f} s)."
         )
-        return Separation(says, None, V, nats, flown)
+        return Separation(says, None, V, gain, recorded)
     says = (
-        f"Of {count} manoeuvres tried with this simulation, {inputs.name} at {V:.0f} m/s tells most: {one.effect} from "
-        f"{other.effect} by {nats:.0f} nats in {_DURATION:.0f} s, where these recordings do by {flown:.0f} in "
-        f"{seconds:.0f} s."
+        f"Of {count} simulated manoeuvres, {inputs.name} at {V:.0f} m/s separates {one.effect} from {other.effect} "
+        f"best: expected log Bayes factor {gain:.0f} in {_DURATION:.0f} s; that of these recordings is {recorded:z.0f} "
+        f"in {seconds:.0f} s."
     )
-    return Separation(says, inputs, V, nats, flown)
+    return Separation(says, inputs, V, gain, recorded)
 
 
 def _inputs(
     model: AeroModel, aircraft: Aircraft, start: Trim, flights: Sequence[Flight], responses: Iterable[str]
 ) -> Iterator[Recording]:
-    """Departures of controls from trim, as large as they were flown."""
+    """Deviations of controls from trim, as large as the recorded ones."""
     dt = flights[0].dt
     sizes = {
         c: float(np.quantile(np.abs(np.concatenate([f[c] - np.median(f[c]) for f in flights])), _LARGEST))
@@ -211,13 +211,13 @@ def _inputs(
 
 
 def _clearest(flights: Sequence[Flight], responses: Iterable[str]) -> list[str]:
-    """Coefficients, the one whose differences are the largest share of what was measured first."""
-    share = {
+    """Coefficients, the one with the largest fraction of unexplained variance first."""
+    fraction = {
         r: sum(float(f.difference[r].var()) for f in flights) / sum(float(f.measured[r].var()) for f in flights)
         for r in responses
         if r in _AXES
     }
-    return sorted(share, key=lambda r: -share[r])
+    return sorted(fraction, key=lambda r: -fraction[r])
 
 
 def _designed(
@@ -246,20 +246,20 @@ def _named(inputs: Recording, name: str) -> Recording:
 
 
 def _fly(model: AeroModel, start: Trim, inputs: Recording, like: Flight) -> Flight | None:
-    """The flight, with the channels that the recordings have; None where it cannot be flown."""
+    """The simulated flight with the channels of the recordings; None if it cannot be simulated."""
     try:
         moved = start.inputs(inputs.t, **inputs.channels)
-        flown = simulate(model, like.aircraft, moved, start=start, instruments=Instruments(), outside="ignore")
-        kept = {c: x for c, x in flown.channels.items() if c in like.recorded}
+        simulated = simulate(model, like.aircraft, moved, start=start, instruments=Instruments(), outside="ignore")
+        kept = {c: x for c, x in simulated.channels.items() if c in like.recorded}
         still = {
-            c: np.full(len(flown), float(np.mean(like[c]))) for c in like.recorded - set(kept) if c in like.channels
+            c: np.full(len(simulated), float(np.mean(like[c]))) for c in like.recorded - set(kept) if c in like.channels
         }
-        record = Recording("tried", flown.t, {**still, **kept})
+        record = Recording("tried", simulated.t, {**still, **kept})
         flight = prepare_flight(record, like.aircraft, {c: np.zeros(len(record)) for c in like.simulated})
     except StructselError:
         return None
     assert like.surrogate is not None
     flight = replace(flight, surrogate=like.surrogate, apart=like.apart)
-    simulated = {c: like.surrogate.evaluate(flight, c) for c in like.simulated}
+    coefficients = {c: like.surrogate.evaluate(flight, c) for c in like.simulated}
     measured = {c: flight.measured[c] for c in like.measured if c in flight.measured}
-    return replace(flight, simulated=simulated, measured=measured) if set(measured) == set(like.measured) else None
+    return replace(flight, simulated=coefficients, measured=measured) if set(measured) == set(like.measured) else None

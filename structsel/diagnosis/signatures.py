@@ -1,4 +1,4 @@
-"""Signatures of every form of every hypothesis on the flights at hand, as spectra, worked out once."""
+"""Signatures of every form of every effect for some flights, as spectra."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from structsel.effects.base import Effect, Variant
 from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import spectrum
 
-_FAINT = 1e-6  # of the difference's rms for one prior standard deviation, below which a signature says nothing
+_FAINT = 1e-6  # rms of a signature over that of the differences, below which it is not used
 
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """One form of one hypothesis on all flights.
+    """One form of one effect on all flights.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Signature:
     spectra : sequence of mapping of response to (bins, k) array
         Per flight; scaled by the priors' standard deviations.
     flights : frozenset of str
-        Names of those it touches.
+        Names of those on which it acts.
     """
 
     hypothesis: Effect
@@ -39,18 +39,18 @@ class Signature:
 
     @property
     def width(self) -> int:
-        """Linear parameters."""
+        """Number of linear parameters."""
         return len(self.variant.parameters)
 
     @property
     def responses(self) -> set[str]:
-        """Responses that it touches in any flight."""
+        """Responses on which it acts in any flight."""
         return {c for one in self.spectra for c in one}
 
 
 @dataclass(frozen=True)
 class Library:
-    """What can be tried on these flights, and what cannot.
+    """Effects that these flights can test, and those that they cannot.
 
     Attributes
     ----------
@@ -67,12 +67,12 @@ class Library:
 
     @property
     def effects(self) -> list[Effect]:
-        """Those with a signature, each once."""
+        """Effects with a signature, each once."""
         return list({s.hypothesis.name: s.hypothesis for s in self.signatures}.values())
 
 
 def spectra_of(variant: Variant, flight: Flight, responses: Sequence[str]) -> dict[str, Array]:
-    """Spectra of a variant on one flight, scaled by its priors; only what is not zero."""
+    """Spectra of a variant on one flight, scaled by its priors; without those that are zero."""
     bins, edge = bins_of(flight), edge_of(flight)
     added = {c: x for c, x in variant.columns(flight).items() if c in responses and x.any()}
     if not added:
@@ -88,7 +88,7 @@ def work_out(
     responses: Sequence[str],
     progress: Progress | None = None,
 ) -> Library:
-    """Signatures of all effects that these flights can speak of.
+    """Signatures of all effects that these flights can test.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def work_out(
 
     found: list[Signature] = []
     tell = progress or (lambda what, done, of: None)
-    # One after another: so much of it is small that threads would only wait for each other.
+    # One by one: the jobs are small, and threads would wait for each other.
     for done, made in enumerate(one(*job) for job in jobs):
         if made is not None:
             found.append(made)

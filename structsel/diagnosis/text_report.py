@@ -86,7 +86,7 @@ def _within(deviations: Sequence[ToleranceDeviation]) -> str:
     beyond = next((p for p in deviations if p.is_exceeded), None)
     if beyond is None:
         return ": recordings and simulation agree within the stated tolerances"
-    off = f"'{beyond.name}' deviates by {beyond.deviations:+.1f} of its stated standard deviations"
+    off = f"'{beyond.name}' deviates by {beyond.deviations:+.1f} stated standard deviations"
     return f", but not within the stated tolerances: no effect is probable, but {off}"
 
 
@@ -209,7 +209,7 @@ def _errors(number: int, finding: EffectFinding) -> Iterator[str]:
     if number > 1:
         b = finding.bars[shown[0]]
         text = f"{b.delivered.rrmse:.3f} as given, {b.refitted.rrmse:.3f} retuned, {b.physics.rrmse:.3f}"
-        yield from _labelled("rms error", f"{shown[0]} {text} with 1-{number} together")
+        yield from _labelled("rms error", f"{shown[0]} {text} with findings 1-{number}")
         return
     wide = max(map(len, shown))
     yield from _labelled("rms error", f"{'':{wide}}  as given   retuned   with it   of measured", plain=True)

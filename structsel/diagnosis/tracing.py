@@ -13,7 +13,7 @@ from structsel.numerics.arrays import Array
 
 
 def in_band(x: Array, bins: int) -> Array:
-    """A signal without what is faster than the compared band."""
+    """Signal without frequencies above the compared band."""
     made = scipy.fft.dct(np.asarray(x, dtype=float), norm="ortho")
     made[bins + 1 :] = 0.0
     return scipy.fft.idct(made, norm="ortho")
@@ -39,5 +39,5 @@ def traces_of(ranking: Ranking) -> dict[str, Trace]:
 
 
 def _levelled(x: Array, goal: Array) -> Array:
-    """Moved to the level of another: constant biases differ in each recording."""
+    """Signal with the mean of another: biases differ between recordings."""
     return x + (goal - x).mean()

@@ -19,13 +19,13 @@ _BINS = 18
 _INSIDE = 8  # bins within the region where an effect acts, which may hold few of the samples
 _LEAST = 5  # samples in a bin that is shown
 _SURE = 1.96
-_PART = 0.5  # of the range flown, below which where an effect acts is worth a closer look
-_ABOUT = 3.0  # widths of a region that are shown beside it
+_PART = 0.5  # fraction of the recorded range, below which the range of an effect is shown enlarged
+_ABOUT = 3.0  # widths of a region that are shown on each side of it
 
 
 @dataclass(frozen=True, eq=False)
 class Binned:
-    """Means of what is left of the differences, over bins of a channel.
+    """Means of the residuals over bins of a channel.
 
     Attributes
     ----------
@@ -91,16 +91,16 @@ def driving_channel(diagnosis: Diagnosis, finding: EffectFinding) -> str:
     seen = [c for c in finding.axes if c in shown_responses(diagnosis)]
     if not moving or not seen:
         return ""
-    return max(moving, key=lambda c: _told_by(bin_residuals(diagnosis, seen[0], c)))
+    return max(moving, key=lambda c: _explained_by(bin_residuals(diagnosis, seen[0], c)))
 
 
 def acting_range(diagnosis: Diagnosis, finding: EffectFinding, channel: str) -> tuple[float, float] | None:
-    """Where on a channel an effect acts: its region there, else the channel's range in the stretches where it acts.
+    """Range of a channel in which an effect acts: its region, or the range of the channel in its intervals.
 
     Returns
     -------
     (low, high) or None
-        None where that is most of the range flown.
+        None if this is most of the recorded range.
     """
     if channel in finding.region:
         return finding.region[channel]
@@ -112,8 +112,8 @@ def acting_range(diagnosis: Diagnosis, finding: EffectFinding, channel: str) -> 
     if not sum(map(len, inside)):
         return None
     low, high = np.quantile(np.concatenate(inside), (0.02, 0.98))
-    flown = np.concatenate([one.channels[channel] for one in diagnosis.traces.values()])
-    return (float(low), float(high)) if high - low < _PART * np.ptp(flown) else None
+    recorded = np.concatenate([one.channels[channel] for one in diagnosis.traces.values()])
+    return (float(low), float(high)) if high - low < _PART * np.ptp(recorded) else None
 
 
 def bin_residuals(
@@ -155,17 +155,17 @@ def bin_residuals(
 
 
 def worth_showing(x: Array, region: tuple[float, float] | None) -> tuple[float, float]:
-    """Part of a channel's range that is shown first: the region where an effect acts and what lies about it."""
-    least, most = float(x.min()), float(x.max())
+    """Part of the range of a channel that is shown first: the region of an effect and its surroundings."""
+    least, largest = float(x.min()), float(x.max())
     if region is None:
-        return least, most
-    low, high = np.clip(region, least, most)
+        return least, largest
+    low, high = np.clip(region, least, largest)
     wide = _ABOUT * (high - low)
-    return (max(least, float(low - wide)), min(most, float(high + wide))) if wide > 0.0 else (least, most)
+    return (max(least, float(low - wide)), min(largest, float(high + wide))) if wide > 0.0 else (least, largest)
 
 
 def _edges(x: Array, region: tuple[float, float] | None) -> Array:
-    """Between bins of alike many samples, and between even ones where an effect acts."""
+    """Edges of bins with equal numbers of samples, and of equal width where an effect acts."""
     inner = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _BINS + 1)[1:-1]))
     if region is None:
         return inner
@@ -175,12 +175,12 @@ def _edges(x: Array, region: tuple[float, float] | None) -> Array:
 
 
 def _half_interval(off: Array, counts: Array) -> Array:
-    """Half of a 95 % interval of each row's mean from what each recording's sum is off it; nan with only one."""
+    """Half of a 95 % interval of the mean of each row, from the scatter between recordings; nan with one recording."""
     m = np.count_nonzero(counts, axis=1)
     spread = np.sqrt(m / np.maximum(m - 1.0, 1.0) * np.sum(off**2, axis=1)) / counts.sum(axis=1)
     return np.where(m > 1, _SURE * spread, np.nan)
 
 
-def _told_by(binned: Binned) -> float:
-    """Mean square that the bins' means tell of the refitted differences."""
+def _explained_by(binned: Binned) -> float:
+    """Mean square of the retuned differences that the means over the bins explain."""
     return float(binned.counts @ binned.means["refitted"] ** 2 / max(binned.counts.sum(), 1.0))

@@ -294,10 +294,10 @@ def _gust_needs(flights: Flights) -> str:
 
 def _gust_says(found: FittedEffect) -> str:
     when = [f"{found[name]:.1f} s" for name in found.variant.shape if name != "length"]
-    some, are = ("A gust", "is") if len(when) == 1 else ("Gusts", "are")
+    some, act = ("A gust", "acts") if len(when) == 1 else ("Gusts", "act")
     return (
-        f"{some} {found.variant.about} of {shown(found, 'speed')}, {found.text('length')} long about t = "
-        f"{', '.join(when)}, {are} felt by the aircraft and not by the vane."
+        f"{some} of {shown(found, 'speed')} {found.variant.about}, {found.text('length')} long at t = "
+        f"{', '.join(when)}, {act} on the aircraft and not on the vane."
     )
 
 

@@ -187,10 +187,11 @@ class FittedEffect:
         return self.estimates[name].value
 
     def text(self, name: str, scale: float = 1.0, unit: str | None = None) -> str:
-        """Parameter as "0.31 +- 0.04 s", `scale` to another unit."""
+        """Parameter as "0.31 +- 0.04 s", without a standard error that is not known; `scale` to another unit."""
         e = self.estimates[name]
         shown = e.unit if unit is None else unit
-        return f"{format_number(e.value * scale, 3)} +- {format_number(e.std * scale, 1)} {shown}".rstrip(" -")
+        error = f" +- {format_number(e.std * scale, 1)}" if e.std > 0.0 else ""
+        return f"{format_number(e.value * scale, 3)}{error} {shown}".rstrip(" -")
 
 
 @dataclass(frozen=True)

@@ -67,5 +67,7 @@ def _since(flight: Flight, channel: str, times: dict[str, float]) -> list[Errors
 
 def bias_says(found: FittedEffect) -> str:
     """The sentence of a bias."""
-    name, does = ("drift", "drifts by") if "drift" in found.estimates else ("bias", "reads too much by")
-    return f"{capital(found)} {does} {shown(found, name)}."
+    instrument, comma, times = capital(found).partition(",")
+    if "drift" in found.estimates:
+        return f"{instrument} drifts by {shown(found, 'drift')}."
+    return f"{instrument} is biased by {shown(found, 'bias')}{comma}{times}."

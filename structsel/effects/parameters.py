@@ -238,8 +238,11 @@ def _needs_coupling(flights: Flights) -> str:
 
 
 def _says_term(found: FittedEffect) -> str:
-    values = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
-    return f"The simulation lacks {found.variant.about} ({'; '.join(values)})."
+    names = [p.name for p in found.variant.parameters]
+    if len(names) == 1:
+        return f"The simulation lacks {found.variant.about}: {found.text(names[0])}."
+    values = "; ".join(f"{name} {found.text(name)}" for name in names)
+    return f"The simulation lacks {found.variant.about} ({values})."
 
 
 def _needs_any(flights: Flights) -> str:

@@ -13,7 +13,7 @@ from structsel.effects.model_forms import state_after
 from structsel.effects.operators import spaced
 from structsel.effects.signals import gathered
 from structsel.effects.surfaces import ALL, FRACTION, actuated, departure, displaced, followed, used_controls
-from structsel.effects.wording import SURFACES, shown
+from structsel.effects.wording import SURFACES, shown, subject
 from structsel.numerics.arrays import Array
 from structsel.numerics.compiling import njit
 
@@ -82,4 +82,4 @@ def rate_says(found: FittedEffect) -> str:
     """The sentence of a rate limit."""
     if found.variant.about.startswith(ALL):
         return f"Each surface moves no faster than {shown(found, 'rate')}, slower than its command."
-    return f"The {found.variant.about} moves no faster than {shown(found, 'rate')}, slower than its command."
+    return f"The {subject(found.variant.about)} moves no faster than {shown(found, 'rate')}, slower than its command."

@@ -22,7 +22,7 @@ from structsel.effects.readings import (
     wrong_readings,
 )
 from structsel.effects.signals import available, gathered
-from structsel.effects.wording import INSTRUMENTS, capital, percent, shown
+from structsel.effects.wording import INSTRUMENTS, capital, percent, shown, subject
 from structsel.numerics.air_data import body_velocity, cross
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import delayed
@@ -87,7 +87,9 @@ def _scaled(flight: Flight, channel: str) -> list[Errors]:
 
 def _scale_says(found: FittedEffect) -> str:
     more = "too much" if found["scale"] >= 0.0 else "too little"
-    return f"{capital(found)} reads {more}: {1.0 + found['scale']:.3f} of the truth ({percent(found, 'scale')})."
+    return (
+        f"{subject(capital(found))} reads {more}: {1.0 + found['scale']:.3f} of the truth ({percent(found, 'scale')})."
+    )
 
 
 # Delays
@@ -126,7 +128,7 @@ def _delayed_readings(flight: Flight, channels: Sequence[str], tau: float) -> li
 
 
 def _delay_says(found: FittedEffect) -> str:
-    return f"{capital(found)} {found.variant.words['be']} delayed by {found.text('delay')}."
+    return f"{subject(capital(found))} {found.variant.words['be']} delayed by {found.text('delay')}."
 
 
 # Places
@@ -264,7 +266,7 @@ def _misalignment_says(found: FittedEffect) -> str:
         one, other = found.variant.words["one"], found.variant.words["other"]
         return f"{one[0].upper()}{one[1:]} contains a fraction of {other}, as if turned by {shown(found, 'fraction')}."
     by = ", ".join(f"{shown(found, f'about {x}')} about body {x}" for x in _AXES if f"about {x}" in found.estimates)
-    return f"{capital(found)} {found.variant.words['be']} mounted turned by {by}."
+    return f"{subject(capital(found))} {found.variant.words['be']} mounted turned by {by}."
 
 
 # Pitot and static
@@ -299,7 +301,7 @@ def _position_error_says(found: FittedEffect) -> str:
         per_degree = found.text("factor per rad", 100.0 * np.pi / 180.0, "% per deg")
         return f"{capital(found)}: the error grows by {per_degree}."
     factor, cause = percent(found, "factor"), found.variant.words["cause"]
-    return f"{capital(found)} read too much by {factor}: {cause} are off, and all coefficients with them."
+    return f"{subject(capital(found))} read too much by {factor}: {cause} are off, and all coefficients with them."
 
 
 _SCALE_SEPARATED = "manoeuvres in which the channel moves at different speeds and powers, beside attitude and gyros"

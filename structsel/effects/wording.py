@@ -34,3 +34,8 @@ def capital(found: FittedEffect) -> str:
     """Description of a form, as the beginning of a sentence."""
     about = found.variant.about
     return about[:1].upper() + about[1:]
+
+
+def subject(description: str) -> str:
+    """Description as the subject of a sentence: an insertion that begins with a comma ends with one."""
+    return description + "," * ("," in description)

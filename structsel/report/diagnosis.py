@@ -347,7 +347,7 @@ def _tolerance_row(one: ToleranceDeviation) -> tuple[Any, ...]:
     length = round(min(50.0, 12.5 * abs(one.deviations)), 1)  # half of the width is 4 sigma
     low, high = (50.0, 50.0 + length) if one.deviations >= 0.0 else (50.0 - length, 50.0)
     value = f"{format_number(factor * one.value, 2, signed=True)} ± {format_number(factor * one.std, 1)} {unit}".strip()
-    sigmas, tone = f"{one.deviations:+.1f}", "bad" if large else ""
+    sigmas, tone = f"{one.deviations:+z.1f}", "bad" if large else ""
     bar = Bar(low, high, f"{one.name}: {sigmas} standard deviations", "delivered" if large else "other", 50.0)
     return one.name, Cell(sigmas, tone), bar, Cell(value, tone)  # type: ignore[arg-type]
 
