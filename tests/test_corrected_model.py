@@ -113,7 +113,7 @@ def test_a_surrogate_can_be_simulated_with_the_rate_of_angle_of_attack_and_gives
 def test_an_instrument_fault_is_not_put_into_the_model(flights):
     one, _ = as_added(effect_named("sensor-scale"), effect_named("sensor-scale").variants(flights)[0], flights)
     assert not one.is_known
-    assert "in what an instrument reads" in one.remark
+    assert "an error of an instrument" in one.remark
 
 
 def recorded(model, count=3):
@@ -226,7 +226,7 @@ def test_an_effect_that_jsbsim_can_hold_only_in_part_is_not_written():
     states = {"de_late": state("lag", "de", tau=0.2), "da_late": state("delay", "da", tau=0.2)}
     both = effect("actuator-lag", states=states, replaced={"Cm": {"de": "de_late", "da": "da_late"}})
     patched = patched_aircraft("c172p", [both, effect("missing-term", {"Cm": {"beta^2": 0.1}})], AIRCRAFT, [])
-    assert "With missing-term, as structsel found it missing." in patched.text
+    assert "With missing-term, as estimated by structsel." in patched.text
     assert "lag of" not in patched.text
     assert any("counts a delay" in remark for remark in patched.remarks)
 
