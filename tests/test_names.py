@@ -47,8 +47,6 @@ FIELD_WORDS = {
     "taking": "with_effects",
     "sharpening": "refinement",
 }
-# The room of the diagnosis keeps its words until it is rewritten.
-LATER = ("structsel.diagnosis",)
 # Modules, and public parameters with their modules, that still use such a word. This list only shrinks; in plotting a
 # colour is a colour.
 REMAIN = {
@@ -74,7 +72,7 @@ def private_words():
         if not node.name.startswith("_"):
             arguments = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
             names |= {(module, one.arg) for one in arguments}
-    return {f"{module}: {word}" for module, word in names if word in FIELD_WORDS and not module.startswith(LATER)}
+    return {f"{module}: {word}" for module, word in names if word in FIELD_WORDS}
 
 
 def test_no_class_name_is_used_for_two_things():

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from structsel.report import render, write_report
 from structsel.report.chart_data import MAX_VALUES
-from structsel.report.diagnosis import figures_of
+from structsel.report.diagnosis_charts import figures_of
 from tests.diagnoses import GROUND, TURBULENCE, VANE, diagnosis, hostile
 
 VOID = {"meta", "br", "img", "input", "link", "hr"}

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from structsel.diagnosis.held_out_result import ChannelScores, ExampleWindows, HeldOutSimulation
-from structsel.diagnosis.result import Diagnosis, EffectFinding, ToleranceDeviation, Trace
+from structsel.diagnosis.held_out_result import ChannelScores, HeldOutSimulation
+from structsel.diagnosis.result import Diagnosis, EffectFinding, ToleranceDeviation
 from structsel.diagnosis.text_report import (
     LARGE_DEVIATION,
     about,
@@ -21,17 +21,7 @@ from structsel.diagnosis.text_report import (
     together,
     untested,
 )
-from structsel.diagnosis.views import (
-    STAGES,
-    Binned,
-    acting_range,
-    bin_residuals,
-    driving_channel,
-    moving_channels,
-    shown_responses,
-    unit_shown,
-    worth_showing,
-)
+from structsel.diagnosis.views import STAGES
 from structsel.formatting import (
     display_unit,
     format_estimate,
@@ -42,12 +32,10 @@ from structsel.formatting import (
     format_probability,
     format_range,
 )
-from structsel.nomenclature import unit_of
-from structsel.report.chart_data import ChartFlight, chart_data, pack_number, single_chart
+from structsel.report.diagnosis_charts import STAGE_NAMES, figures_of
 from structsel.report.page_model import Section, place_sections
 from structsel.tables import Bar, Cell, Column, Table, text_column
 
-_STAGES = dict(zip(STAGES, ("as given", "retuned", "with the effects")))
 _PRINTED_RESPONSES = 3  # whose errors the printed summary has
 _LEGEND = (
     "RRMSE: rms error over the rms of the measured response. R² = 1 − RRMSE². TIC: Theil's inequality coefficient, 0 "
@@ -94,86 +82,6 @@ def _summary(diagnosis: Diagnosis) -> list[str]:
             )
     sentences += [f.physics[0].says for f in diagnosis.findings if not is_shown(f)]
     return sentences
-
-
-def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Data of the charts, in display units; plain values that JSON holds."""
-    responses, channels = shown_responses(diagnosis), moving_channels(diagnosis)
-    units = {name: display_unit(unit_shown(name)) for name in (*responses, *channels)}
-    ranges = {c: _range(diagnosis, c) for c in channels}
-    binned = {
-        r: {c: _pack_bins(bin_residuals(diagnosis, r, c, ranges[c]), units[r][0], units[c][0]) for c in channels}
-        for r in responses
-    }
-    flights = {name: _flight(one, responses, channels) for name, one in diagnosis.traces.items()}
-    replayed = diagnosis.replayed
-    charts = [_windows_chart(replayed, replayed.example)] if replayed and replayed.example else []
-    data = chart_data(flights, _STAGES, units, verb="simulated", hidden=["refitted"], binned=binned, charts=charts)
-    return {
-        **data,
-        "first": {c: _first_range(diagnosis, c, ranges[c], units[c][0]) for c in channels},
-        "findings": [
-            {
-                "effect": f.effect,
-                "response": next((c for c in f.axes if c in responses), ""),
-                "channel": driving_channel(diagnosis, f),
-                "intervals": {name: [list(s) for s in each] for name, each in f.intervals.items()},
-                "region": {c: [pack_number(units[c][0] * x) for x in at] for c, at in f.region.items() if c in units},
-            }
-            for f in shown_findings(diagnosis)
-        ],
-    }
-
-
-def _windows_chart(result: HeldOutSimulation, example: ExampleWindows) -> dict[str, Any]:
-    """Time history of the most improved channel with its band, in windows of the first and the last stage."""
-    band = next(row.band for row in result.rows if row.channel == example.channel)
-    unit = unit_of(example.channel)
-    factor, shown = display_unit(unit)
-    first, last = (list(example.simulated)[i] for i in (0, -1))
-    lines = [("band", "other", example.smoothed + edge) for edge in (-band, band)]
-    lines += [("measured", "measured", example.measured)]
-    lines += [(_STAGES[stage], stage, example.simulated[stage]) for stage in (first, last)]
-    caption = (
-        f"{example.channel} of {example.recording} in windows that start from the recorded state: measured, with its "
-        f"band of ± {format_in_unit(band, unit, 2)}, {_STAGES[first]} and {_STAGES[last]}."
-    )
-    return single_chart(
-        "windows",
-        [pack_number(t) or 0.0 for t in example.t],
-        [(name, style, [factor * float(y) for y in values]) for name, style, values in lines],
-        title=f"{example.recording}: {example.channel} in windows",
-        x_label="time [s]",
-        y_label=f"{example.channel} [{shown or '-'}]",
-        caption=caption,
-        integers=False,
-    )
-
-
-def _flight(trace: Trace, responses: list[str], channels: list[str]) -> ChartFlight:
-    lines = {"measured": trace.measured} | dict(zip(STAGES, (trace.simulated, trace.refitted, trace.explained)))
-    each = {r: {kind: values[r] for kind, values in lines.items()} for r in responses}
-    return ChartFlight(trace.t, each, {c: trace.channels[c] for c in channels})
-
-
-def _range(diagnosis: Diagnosis, channel: str) -> tuple[float, float] | None:
-    """Range of a channel in which the first finding that it bounds acts."""
-    each = (acting_range(diagnosis, f, channel) for f in diagnosis.findings)
-    return next((one for one in each if one is not None), None)
-
-
-def _first_range(
-    diagnosis: Diagnosis, channel: str, region: tuple[float, float] | None, factor: float
-) -> list[float | None]:
-    """Range of a channel that the chart shows first."""
-    x = np.concatenate([one.channels[channel] for one in diagnosis.traces.values()])
-    return [pack_number(factor * end) for end in worth_showing(x, region)]
-
-
-def _pack_bins(binned: Binned, response: float, channel: float) -> dict[str, Any]:
-    means = {stage: [pack_number(response * x) for x in binned.means[stage]] for stage in STAGES}
-    half = {stage: [pack_number(response * x) for x in binned.half[stage]] for stage in STAGES}
-    return {"at": [pack_number(channel * x) for x in binned.at], "means": means, "half": half}
 
 
 def _finding(place: int, finding: EffectFinding) -> dict[str, Any]:
@@ -241,7 +149,7 @@ def _errors(place: int, finding: EffectFinding) -> Table:
     largest = max((getattr(b, s).rrmse for b in finding.bars.values() for s in STAGES), default=1.0) or 1.0
     rows = []
     for c in order:
-        for k, (stage, name) in enumerate(_STAGES.items()):
+        for k, (stage, name) in enumerate(STAGE_NAMES.items()):
             fit = getattr(finding.bars[c], stage)
             bar = Bar(0.0, round(100.0 * fit.rrmse / largest, 1), f"{c} {name}: {fit.rrmse:.3f}", stage)
             rows.append(("" if k else c, name, fit.rrmse, bar, fit.r2, fit.tic))
@@ -294,7 +202,7 @@ def _resimulation(result: HeldOutSimulation | None) -> Section | None:
         f"{format_number(result.seconds, 2)} s. Each window is simulated from the recorded state, with the "
         "coefficients of the simulation along the recorded path and their derivatives for deviations from it."
     )
-    stages = [_STAGES.get(stage, stage) for stage in result.rows[0].stages]
+    stages = [STAGE_NAMES.get(stage, stage) for stage in result.rows[0].stages]
     columns = [Column(f"{quantity}, {stage}") for quantity in ("rms error", "TIC", "in band") for stage in stages]
     note = (
         "rms errors are relative to the smoothed recording, in the unit of the band. TIC is of the change since the "
