@@ -18,9 +18,7 @@ _PART, _ALL = 0.75, 0.95
 """Fractions of all that exceeds the noise on other flights. An effect that explains more than the first counts in part
 without the response to the inputs, above the second fully. Gusts and noise differ between manoeuvres: an effect that
 resembles them leaves much of the next one."""
-_EACH = (
-    5  # effects that are compared, by the log Bayes factor with tolerances, and by that with the simulation as given
-)
+_EACH = 5  # effects that are compared, by the log Bayes factor over the tolerances and by that over the simulation
 _EVENT = 0.5  # fraction of the evidence that counts for an effect of one flight, which no other flight can predict
 SLIGHT = 0.2  # of the noise power: a smaller residual is within the scatter of the noise
 _CONSTANT = 2.0  # of the variance of the biases: the same for constant parts, of which each flight has one
@@ -31,7 +29,7 @@ _ALONE = 1.0 / 3.0  # fraction of the lead with the simulation as given that cou
 _OWN = 20.0  # log evidence of a form at which its feature saturates
 _BEHIND, _FURTHEST = 0.02, 3.0  # scale of the distance to the best effect, over its log Bayes factor; largest distance
 _LOWERS, _THERE = 0.05, 0.5
-"""Fraction by which the rms of some coefficient must decrease on other flights, or the difference where it acts."""
+"""Fraction by which the rms of some coefficient must decrease on other flights, or fraction explained where it acts."""
 _DEGRADES = 0.5  # fraction by which no rms may increase; an effect that degrades more is no alternative either
 EVIDENT, _PLENTY = 10.0, 300.0
 """Least log Bayes factor of a candidate with tolerances; or of the first with the simulation as given, if tolerances
