@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from structsel.cli.program import app
 
 PLAIN = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
-_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?%?")
+_NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?%?")  # at the end of a sentence with its full stop
 
 
 def run(*arguments, code=0, env=PLAIN):
@@ -26,7 +26,7 @@ def assert_same_text(found, expected, between=r"\s─"):
     found, expected = (re.findall(f"[^{between}]+", text) for text in (found, expected))
     for a, b in zip(found, expected):
         if _NUMBER.fullmatch(a) and _NUMBER.fullmatch(b):
-            assert_allclose(float(a.rstrip("%")), float(b.rstrip("%")), rtol=0.03, atol=2e-5)
+            assert_allclose(float(a.rstrip("%.")), float(b.rstrip("%.")), rtol=0.03, atol=2e-5)
         else:
             assert a == b
     assert len(found) == len(expected)
