@@ -66,18 +66,55 @@ def prewhiten(rows: Array, ar: Array, weight: float, start: int, out: Array) -> 
     n = rows.shape[1] - start
     for i in range(rows.shape[0]):
         x, y = rows[i], out[i]
-        for t in range(n):
-            y[t] = weight * x[start + t]
-        single = ar.size % 4
-        for lag in range(1, single + 1):  # by lag, so that the inner loop has unit stride
-            a = weight * ar[lag - 1]
+        single = ar.size % 4  # the first pass has these lags and the sample itself
+        if single == 0:
             for t in range(n):
-                y[t] -= a * x[start + t - lag]
+                y[t] = weight * x[start + t]
+        elif single == 1:
+            a = weight * ar[0]
+            for t in range(n):
+                y[t] = weight * x[start + t] - a * x[start + t - 1]
+        elif single == 2:
+            a, b = weight * ar[0], weight * ar[1]
+            for t in range(n):
+                y[t] = weight * x[start + t] - a * x[start + t - 1] - b * x[start + t - 2]
+        else:
+            a, b, c = weight * ar[0], weight * ar[1], weight * ar[2]
+            for t in range(n):
+                at = start + t
+                y[t] = weight * x[at] - a * x[at - 1] - b * x[at - 2] - c * x[at - 3]
         for lag in range(single + 1, ar.size + 1, 4):  # several at once, so that y is read and written less often
             a, b, c, d = weight * ar[lag - 1], weight * ar[lag], weight * ar[lag + 1], weight * ar[lag + 2]
             at = start - lag
             for t in range(n):
                 y[t] -= a * x[at + t] + b * x[at + t - 1] + c * x[at + t - 2] + d * x[at + t - 3]
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def add_lag_products(series: Array, products: Array) -> None:  # pragma: no cover - compiled
+    """Add ``sum_t z_t z_t'``, z_t = [x[t-1] ... x[t-L], x[t]] for t >= L, to ``products`` (L + 1, L + 1).
+
+    Sums of equal lag differ by the first and the last products only::
+
+        sum_t x[t-i-1] x[t-j-1] = sum_t x[t-i] x[t-j] + x[L-i-1] x[L-j-1] - x[n-i-1] x[n-j-1]
+    """
+    order, n = products.shape[0] - 1, series.size
+    for lag in range(order + 1):
+        present, past = series[order:], series[order - lag : n - lag]
+        total = 0.0
+        for t in range(present.size):
+            total += present[t] * past[t]
+        # Lag i is in row i - 1, and the present, lag 0, in the last row.
+        row, column = order, (lag - 1 if lag else order)
+        products[row, column] += total
+        if lag:
+            products[column, row] += total
+        for i in range(order - lag):
+            j = i + lag
+            total += series[order - i - 1] * series[order - j - 1] - series[n - i - 1] * series[n - j - 1]
+            products[i, j] += total
+            if lag:
+                products[j, i] += total
 
 
 class LagProducts:
@@ -100,10 +137,8 @@ class LagProducts:
         series = np.concatenate([self._past, residual])
         count = series.size - self.max_order
         if count > 0:
-            lags = np.lib.stride_tricks.sliding_window_view(series, self.max_order + 1)
-            # Columns: nearest lag first, the present last, so that every lower order is nested in the triangle.
-            table = np.concatenate([lags[:, -2::-1], lags[:, -1:]], axis=1)
-            self.products += table.T @ table
+            # The nearest lag is first, the present last, so that every lower order is nested in the triangle.
+            add_lag_products(series, self.products)
             self.n += count
         self._past = series[max(0, series.size - self.max_order) :]
 
