@@ -141,6 +141,8 @@ def _closures(parts: Sequence[Mapping[str, np.ndarray]], of: Iterable[str] | Non
     known = _EQUATIONS if of is None else tuple(of)
     equations = [e for e in known if all(name in parts[0] for name in NEEDS[e])]
     best: dict[str, Closure] = {}
+    if not equations:
+        return best
     turned = [{**part, **{name: _unwrapped(part[name]) for name in ("phi", "psi") if name in part}} for part in parts]
     for samples in _WINDOWS:
         sides = [

@@ -17,6 +17,7 @@ from structsel.recording.stored import StoredRecording, channel_digests
 
 RELATIONS = ("unit", "sign", "swap", "scale")
 """Kinds of findings from relations between channels."""
+FEW_SAMPLES = 16  # of a channel, compared before all of them are
 
 
 class DataWarning(StructselWarning):
@@ -51,9 +52,10 @@ def find_entry_errors(recording: Recording | StoredRecording) -> list[Finding]:
     outside = [
         Finding("implausible", name, f"its median is {median:.4g} {row.unit}", remedy=f"it looks like {row.hint}")
         for name, values in recording.channels.items()
-        if is_known(name) and np.isfinite(values).any()
-        for row, median in [(find_channel(name), float(np.nanmedian(values)))]
-        if row.hint and not row.low <= median <= row.high
+        if values.size and is_known(name) and (row := find_channel(name)).hint
+        # Where every sample is plausible the median is; a comparison with NaN is false.
+        if not (row.low <= values.min() and values.max() <= row.high) and np.isfinite(values).any()
+        if not row.low <= (median := float(np.nanmedian(values))) <= row.high
     ]
     return [*outside, *find_unit_and_sign_errors(recording.t, recording.channels)]
 
@@ -88,6 +90,8 @@ def warn_of_entry_errors(recordings: Sequence[Recording | StoredRecording], stac
 
 def same_flights(recordings: Sequence[Recording | StoredRecording]) -> list[str]:
     """One text on all recordings whose samples are those of one before, whatever name and time of day; else nothing."""
+    if not _have_a_channel_in_common(recordings):
+        return []
     seen: dict[tuple[int, str, str], list[tuple[str, Mapping[str, str]]]] = {}
     copies = []
     for recording in recordings:
@@ -107,6 +111,23 @@ def same_flights(recordings: Sequence[Recording | StoredRecording]) -> list[str]
         f"{'them' if more else 'one'} out: cross-validation does not test a model with it, and standard errors are too "
         "small."
     ]
+
+
+def _have_a_channel_in_common(recordings: Sequence[Recording | StoredRecording]) -> bool:
+    """Whether two recordings of equal length may have a channel that varies in common, by a few of its samples."""
+    seen: set[tuple[int, str, bytes]] = set()
+    for recording in recordings:
+        if isinstance(recording, StoredRecording):
+            return True  # its samples are not read for this
+        step = max(len(recording) // FEW_SAMPLES, 1)
+        for name, values in recording.channels.items():
+            few = values[::step]
+            if few.size and (np.any(few != few[0]) or np.any(values != values[0])):
+                key = len(recording), name, few.tobytes()
+                if key in seen:
+                    return True
+                seen.add(key)
+    return False
 
 
 def _candidates(
