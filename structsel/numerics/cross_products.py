@@ -88,7 +88,22 @@ class CrossProducts:
 
     def total(self, weights: Array | None = None) -> Array:
         """Weighted sum of the products of all blocks, (q, q)."""
-        return self.unpack(self.packed.sum(axis=0) if weights is None else weights @ self.packed)
+        return self.unpack(self.packed_total(weights))
+
+    def packed_total(self, weights: Array | None = None) -> Array:
+        """The same as a packed triangle."""
+        total: Array = self.packed.sum(axis=0) if weights is None else weights @ self.packed
+        return total
+
+    def part(self, columns: Sequence[int], weights: Array | None = None) -> Array:
+        """The same for some of the columns, without forming the products of the others."""
+        blocks = self.parts(columns)
+        part: Array = blocks.sum(axis=0) if weights is None else np.tensordot(weights, blocks, 1)
+        return part
+
+    def parts(self, columns: Sequence[int]) -> Array:
+        """(B, c, c) products of some of the columns in each block."""
+        return self.packed[:, places(self.scale.size, columns)]
 
     def only(self, manoeuvre: int) -> Array:
         """Products of one manoeuvre."""
@@ -171,7 +186,7 @@ class CrossProducts:
         return self._of_columns(keep, self.n_candidates, 1)
 
     def _of_columns(self, keep: NDArray[np.integer], candidates: int, responses: int) -> CrossProducts:
-        inside = np.isin(np.array(np.triu_indices(self.scale.size)), keep).all(axis=0)
+        inside = places(self.scale.size, keep)[np.triu_indices(keep.size)]
         scale, packed = self.scale[keep], self.packed[:, inside]
         return replace(self, scale=scale, packed=packed, n_candidates=candidates, n_responses=responses)
 
@@ -184,6 +199,17 @@ def _places(q: int) -> NDArray[np.intp]:
     table[upper] = np.arange(upper[0].size)
     table.T[upper] = table[upper]
     return table
+
+
+def places(q: int, columns: Sequence[int] | NDArray[np.integer]) -> NDArray[np.intp]:
+    """(c, c) table of where the products of some of the q columns lie in the packed triangle."""
+    index = np.asarray(columns, dtype=np.intp)
+    return _places(q)[np.ix_(index, index)]
+
+
+def diagonal_places(q: int) -> NDArray[np.intp]:
+    """(q,) places of the diagonal in a packed triangle."""
+    return _places(q).diagonal()
 
 
 # ---------------------------------------------------------------- passes over the data

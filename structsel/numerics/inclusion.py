@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.normal_equations import project
+from structsel.numerics.normal_equations import leave_unexplained
 
 DEPENDENT = 1e-9  # of a column's sum of squares: residual of a column that others explain, by rounding
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding
@@ -59,9 +59,9 @@ def inclusion_probabilities(
     free = np.diag(C)[:p] > 0.0
     free[kept] = False
     outside = np.flatnonzero(free)
-    less, more, other = _residuals(C, kept, outside)
+    rss, less, more, other = _residuals(C, kept, outside)
     n, floor = dof + 1.0, ROUNDING * float(C[p, p])
-    own = max(project(C, kept.tolist()).rss if kept.size else float(C[p, p]), floor)
+    own = max(rss, floor)
     price = np.log(n) + np.log(p)
 
     def log_weight(rss: Array, change: int) -> Array:
@@ -87,22 +87,17 @@ def inclusion_probabilities(
     return probability
 
 
-def _residuals(C: Array, kept: NDArray[np.integer], outside: NDArray[np.integer]) -> tuple[Array, Array, Array]:
-    """Residual sums of squares without each kept term (k,), with each other one (m,), and exchanged (k, m)."""
-    size = np.sqrt(np.where(np.diag(C) > 0.0, np.diag(C), 1.0))
-    response, tss = C[-1] / (size * size[-1]), float(C[-1, -1])
+def _residuals(C: Array, kept: NDArray[np.integer], outside: NDArray[np.integer]) -> tuple[float, Array, Array, Array]:
+    """Residual sums of squares, without each kept term (k,), with each other one (m,), and exchanged (k, m)."""
+    response, tss = C[-1, outside] ** 2 / C.diagonal()[outside], float(C[-1, -1])
     if not kept.size:
-        return np.empty(0), tss * (1.0 - response[outside] ** 2), np.empty((0, outside.size))
-    R = C[kept] / np.outer(size[kept], size)
-    inverse = np.linalg.pinv(R[:, kept], hermitian=True)
-    theta, explained = inverse @ R[:, -1], inverse @ R[:, outside]
-    rss = max(1.0 - float(R[:, -1] @ theta), 0.0)
-    d = 1.0 - np.einsum("ij,ij->j", R[:, outside], explained)
-    b = response[outside] - R[:, -1] @ explained
-    alone = np.diag(inverse)
-    less = rss + theta**2 / alone
+        return tss, np.empty(0), tss - response, np.empty((0, outside.size))
+    left = leave_unexplained(C, kept, outside)
+    rss, d, b = max(left.rss, 0.0), left.d, left.b
+    own = (left.theta / left.alone)[:, None]
+    less = rss + left.theta**2 / left.alone
     more = np.where(d > DEPENDENT, rss - b**2 / np.where(d > DEPENDENT, d, 1.0), np.inf)
-    free, with_y = d + explained**2 / alone[:, None], b + explained * (theta / alone)[:, None]
+    free, with_y = d + left.explained**2 / left.alone[:, None], b + left.explained * own
     usable = free > DEPENDENT
     exchanged = np.where(usable, less[:, None] - with_y**2 / np.where(usable, free, 1.0), np.inf)
-    return tss * less, tss * more, tss * exchanged
+    return tss * rss, tss * less, tss * more, tss * exchanged

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.compiling import njit
 
 WELL_DETERMINED = 1e-4  # of a column's length that the columns before it leave; rounding is then below 1e-8
+ROUNDING = 1e-12  # of a column's sum of squares: residual of a column that others explain, by rounding
+_TILE = 32  # rows and columns of a tile that is transposed
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -23,6 +27,26 @@ def centre(product: Array) -> Array:  # pragma: no cover - compiled
             mean = product[i + 1, 0] / product[0, 0]
             for j in range(centred.shape[1]):
                 centred[i, j] -= mean * product[0, j + 1]
+    return centred
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def centre_triangle(packed: Array, q: int) -> Array:  # pragma: no cover - compiled
+    """`centre` of the products whose upper triangle is ``packed``, row by row."""
+    p, n = q - 1, packed[0]
+    means, sums = packed[1:q] / n if n > 0.0 else np.zeros(p), packed[1:q]
+    centred = np.empty((p, p))
+    at = q
+    for i in range(p):
+        row, values, mean, others = centred[i, i:], packed[at : at + p - i], means[i], sums[i:]
+        for j in range(row.size):
+            row[j] = values[j] - mean * others[j]
+        at += p - i
+    for first in range(0, p, _TILE):  # the lower triangle by tiles, whose rows and columns fit in the cache
+        for second in range(first, p, _TILE):
+            for i in range(first, min(first + _TILE, p)):
+                for j in range(max(second, i + 1), min(second + _TILE, p)):
+                    centred[j, i] = centred[i, j]
     return centred
 
 
@@ -74,6 +98,16 @@ def solve_normal_equations(product: Array, columns: Sequence[int]) -> Array:
     return theta
 
 
+def least_rss(product: Array) -> float:
+    """Residual sum of squares of the last column on all others but those that depend on them: no model has less."""
+    root = np.sqrt(np.diag(product))
+    scaled = product / np.outer(*[np.where(root > 0.0, root, 1.0)] * 2)
+    factor, pivot, rank, _ = scipy.linalg.lapack.dpstrf(scaled[:-1, :-1], tol=ROUNDING, lower=1)
+    first = pivot[:rank] - 1
+    explained = scipy.linalg.solve_triangular(factor[:rank, :rank], scaled[first, -1], lower=True)
+    return float(product[-1, -1] * max(1.0 - explained @ explained, 0.0))
+
+
 def _inverse(A: Array) -> Array:
     """Pseudo-inverse of a symmetric matrix whose columns are scaled to unit length for it.
 
@@ -82,10 +116,105 @@ def _inverse(A: Array) -> Array:
     root = np.sqrt(np.maximum(A.diagonal(), np.finfo(float).tiny))
     units = root[:, None] * root
     scaled = A / units
-    factor, failed = scipy.linalg.lapack.dpotrf(scaled, lower=1)
-    if A.size and not failed and factor.diagonal().min() > WELL_DETERMINED:
-        lower: Array = np.tril(scipy.linalg.lapack.dpotri(factor, lower=1)[0])
-        inverse: Array = lower + np.tril(lower, -1).T
-    else:
-        inverse = np.linalg.pinv(scaled, hermitian=True)
-    return inverse / units
+    return inverse_of_scaled(scaled) / units
+
+
+def inverse_of_scaled(R: Array) -> Array:
+    """Inverse of a symmetric matrix of columns of unit length; the pseudo-inverse where they are nearly dependent."""
+    inverse: Array
+    inverse, determined = cholesky_inverse(R)
+    if not determined:
+        inverse = np.linalg.pinv(R, hermitian=True)
+    return inverse
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def cholesky_inverse(R: Array) -> tuple[Array, bool]:  # pragma: no cover - compiled
+    """Inverse of a small symmetric matrix by its factor, and whether every pivot is above `WELL_DETERMINED`."""
+    k = R.shape[0]
+    lower, inverse = np.zeros((k, k)), np.zeros((k, k))
+    for i in range(k):
+        for j in range(i + 1):
+            value = R[i, j]
+            for m in range(j):
+                value -= lower[i, m] * lower[j, m]
+            if j < i:
+                lower[i, j] = value / lower[j, j]
+            elif value > WELL_DETERMINED**2:
+                lower[i, i] = np.sqrt(value)
+            else:
+                return inverse, False
+    for j in range(k):  # columns of the factor's inverse, in place of the factor's rows below them
+        inverse[j, j] = 1.0 / lower[j, j]
+        for i in range(j + 1, k):
+            value = 0.0
+            for m in range(j, i):
+                value -= lower[i, m] * inverse[m, j]
+            inverse[i, j] = value / lower[i, i]
+    for i in range(k):  # the product of the transpose with itself, whose row i needs rows i and below
+        for j in range(i + 1):
+            value = 0.0
+            for m in range(i, k):
+                value += inverse[m, i] * inverse[m, j]
+            lower[i, j] = value
+    for i in range(k):
+        for j in range(i + 1):
+            inverse[i, j] = lower[i, j]
+            inverse[j, i] = lower[i, j]
+    return inverse, True
+
+
+class Unexplained(NamedTuple):
+    """What the kept columns leave of the others, in units of every column's length; see `leave_unexplained`.
+
+    Attributes
+    ----------
+    theta : (k,) array
+        Of the response on the kept columns.
+    alone : (k,) array
+        Diagonal of the inverse of their correlations: theta^2 / alone is the loss without one of them.
+    rss : float
+        1 - R^2 of the response.
+    explained : (k, m) array
+        Coefficients of each other column on the kept ones.
+    d, b : (m,) array
+        What is left of each other column's length, and of its product with the response.
+    """
+
+    theta: Array
+    alone: Array
+    rss: float
+    explained: Array
+    d: Array
+    b: Array
+
+
+def leave_unexplained(C: Array, kept: NDArray[np.integer], others: NDArray[np.integer]) -> Unexplained:
+    """Regression of the response, the last column of centred products, and of other columns on the kept ones."""
+    size = np.sqrt(C.diagonal())
+    size[size == 0.0] = 1.0
+    R = C[kept] / np.outer(size[kept], size)
+    inverse = inverse_of_scaled(R[:, kept])
+    explained, d, b = _regress(R, inverse, np.asarray(others, dtype=np.int64), C[-1] / (size * size[-1]))
+    theta = inverse @ R[:, -1]
+    return Unexplained(theta, inverse.diagonal(), float(C[-1, -1] > 0.0) - float(R[:, -1] @ theta), explained, d, b)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _regress(
+    R: Array, inverse: Array, others: NDArray[np.int64], response: Array
+) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
+    """Coefficients of the other columns, and what is left of their lengths and products with the response."""
+    k, m, y = R.shape[0], others.size, R.shape[1] - 1
+    explained, d, b = np.zeros((k, m)), np.ones(m), np.empty(m)
+    for c in range(m):
+        b[c] = response[others[c]]
+    for i in range(k):
+        for j in range(k):
+            f = inverse[i, j]
+            for c in range(m):
+                explained[i, c] += f * R[j, others[c]]
+        for c in range(m):
+            d[c] -= R[i, others[c]] * explained[i, c]
+            b[c] -= R[i, y] * explained[i, c]
+    return explained, d, b

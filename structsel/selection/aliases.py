@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.inclusion import DEPENDENT
-from structsel.numerics.normal_equations import project
+from structsel.numerics.normal_equations import leave_unexplained, project
 
 ALIASED = 0.7  # correlation given the other terms from which two terms are aliased, not merely both weak
 SAME_FIT = 4.0  # an alias within this of the kept term's residual, in units of s^2, is as good: likelihood ratio e^2
@@ -53,31 +53,23 @@ def find_aliases(
     kept = list(selected)
     if not kept or (among is not None and not among):
         return []
-    size = np.sqrt(np.diag(C))
-    size[size == 0] = 1.0
-    R = C[kept] / np.outer(size[kept], size)  # only these rows, and everybody's with the response, are looked at
-    response = C[p] / (size * size[p])
-    varies = np.diag(C)[:p] > 0
+    varies = C.diagonal()[:p] > 0
     varies[kept] = False
     outside = np.flatnonzero(varies)
-    inverse = np.linalg.inv(R[:, kept])
-    theta, explained = inverse @ R[:, p], inverse @ R[:, outside]
-    rss = max(response[p] - R[:, p] @ theta, 1e-28)
-    s2 = rss / max(dof - len(kept), 1.0)
     # What all kept terms leave of the candidates outside, and of their products with the response.
-    d = 1.0 - np.einsum("ij,ij->j", R[:, outside], explained)
-    b = response[outside] - R[:, p] @ explained
+    theta, every, rss, explained, d, b = leave_unexplained(C, np.array(kept), outside)
+    s2 = max(rss, 1e-28) / max(dof - len(kept), 1.0)
     # The same without one kept term: what it takes from each comes back, by its row of the inverse.
     at = np.array([kept.index(j) for j in (kept if among is None else among)], dtype=int)
-    back, alone, own = explained[at], np.diag(inverse)[at, None], theta[at, None]
+    back, alone, own = explained[at], every[at, None], theta[at, None]
     free, with_y = d + back**2 / alone, b + back * own / alone
     usable = free > DEPENDENT
     loss = (own**2 / alone - with_y**2 / np.where(usable, free, 1.0)) / s2
-    correlation = np.clip(back / np.sqrt(np.maximum(alone * free, 1e-300)), -1.0, 1.0)
-    pairs = [
-        AliasedPair(kept[at[i]], int(outside[j]), float(loss[i, j]), float(correlation[i, j]))
-        for i, j in np.argwhere(usable & (loss < SAME_FIT) & (np.abs(correlation) >= ALIASED))
-    ]
+    pairs = []
+    for i, j in np.argwhere(usable & (loss < SAME_FIT)):
+        correlation = float(np.clip(back[i, j] / np.sqrt(max(alone[i, 0] * free[i, j], 1e-300)), -1.0, 1.0))
+        if abs(correlation) >= ALIASED:
+            pairs.append(AliasedPair(kept[at[i]], int(outside[j]), float(loss[i, j]), correlation))
     return sorted(pairs, key=lambda a: (kept.index(a.kept), a.loss))
 
 

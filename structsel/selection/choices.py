@@ -17,7 +17,7 @@ from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import DataSource, Scales
 from structsel.numerics.residuals import fit_residual_noise
 from structsel.selection.constants import without_constants
-from structsel.selection.search import Search, SearchResult, solve
+from structsel.selection.search import Search, SearchResult, model_products, solve
 from structsel.selection.settings import SelectOptions
 
 LEAST_INNOVATION = 1e-10  # of the response's scale
@@ -135,7 +135,10 @@ def models_of(
         products, kept = choices[r].search.products, list(choices[r].result.selected)
         scale = products.scale
         past, known = choices[r].past, choices[r].scaled
-        scaled = past.scaled.copy() if past is not None else solve(products.total(), kept) if known is None else known
+        if past is not None:
+            scaled = past.scaled.copy()
+        else:
+            scaled = solve(model_products(products, kept)) if known is None else known
         if products.own_constants:
             own[r], scaled[0] = (scaled[1:], kept), 0.0
         theta.append(scaled * scale[-1] / scale[[0, *(j + 1 for j in kept)]])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.regressors import DataSource
-from structsel.selection.search import Search, prediction_error, solve
+from structsel.selection.search import Search, model_products, prediction_error, solve
 
 SIGNIFICANCE = 0.05  # of the test that constants differ
 ROUNDING = 1e-6  # of a squared error: a smaller difference decides nothing
@@ -68,9 +68,8 @@ def constants_differ(products: CrossProducts, own: Search) -> bool:
     Means of blocks are independent where residuals are correlated over less than a block. Where every manoeuvre is one
     block there is no scatter within to compare with, and the answer is yes.
     """
-    product = own.products.total()
-    kept = list(own.run(product=product).selected)
-    slopes = solve(product, kept)[1:]
+    kept = list(own.run().selected)
+    slopes = solve(model_products(own.products, kept))[1:]
     columns = [j + 1 for j in kept]
     heads = products.sums
     means, n = (heads[:, -1] - heads[:, columns] @ slopes) / heads[:, 0], heads[:, 0]
@@ -90,7 +89,7 @@ def slope_error(search: Search, within: CrossProducts) -> float:
     total = 0.0
     for weights, kept, theta in search.without_folds:
         slopes = np.append(0.0, theta[1:])
-        total += prediction_error(slopes, kept, within.total(1.0 - weights))
+        total += prediction_error(slopes, model_products(within, kept, 1.0 - weights))
     return total
 
 

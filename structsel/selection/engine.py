@@ -35,6 +35,7 @@ from structsel.selection.search import (
     SearchResult,
     centred,
     fold_blocks,
+    model_products,
     prediction_error,
     solve,
     weights_without,
@@ -199,7 +200,7 @@ def _describe(
             constants = shared.constants(scaled[1:], rows[1:]) * scale[-1]
             values = np.append(np.average(constants, weights=[m.n for m in data.manoeuvres]), values[1:])
         scaled[0] = 0.0
-    sse = prediction_error(scaled, kept, total)
+    sse = prediction_error(scaled, total, kept)
     ordinary = project(total, rows)
     s2 = ordinary.rss / max(plain.dof() - len(kept), 1)
     C, searched = centred(total), centred(products.total())
@@ -247,7 +248,7 @@ def _heterogeneity(choice: Choice) -> Heterogeneity | None:
     scale = products.scale[[j + 1 for j in kept]] / products.scale[-1]
     if choice.past is not None:
         products, kept = choice.past.products, choice.past.terms
-    theta = solve(products.total(), kept)
+    theta = solve(model_products(products, kept))
     rss = choice.result.rss if choice.past is None else choice.past.rss
     s2 = rss / max(products.dof() - len(kept), 1.0)
     found = find_heterogeneity(products, kept, theta, s2)

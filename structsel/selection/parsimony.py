@@ -13,6 +13,7 @@ from structsel.selection.search import (
     ROUNDING,
     Search,
     SearchResult,
+    model_products,
     prediction_error,
     weights_without,
 )
@@ -45,9 +46,9 @@ def fold_errors(search: Search) -> Array:
     """
     errors = []
     for weights, kept, theta in search.without_folds:
-        left_out = search.products.total(1.0 - weights)
+        left_out = model_products(search.products, kept, 1.0 - weights)
         floor = ROUNDING * float(left_out[-1, -1])
-        errors.append(max(prediction_error(theta, kept, left_out), floor))
+        errors.append(max(prediction_error(theta, left_out), floor))
     return np.array(errors)
 
 
@@ -60,8 +61,9 @@ def unit_errors(search: Search) -> Array:
     products = search.products
     errors = np.zeros(products.n_blocks)
     for fold, (_, kept, theta) in zip(search.folds, search.without_folds, strict=True):
+        model = products.parts([0, *(j + 1 for j in kept), products.scale.size - 1])
         for block in fold:
-            errors[block] = prediction_error(theta, kept, products.unpack(products.packed[block]))
+            errors[block] = prediction_error(theta, model[block])
     return np.bincount(bootstrap_units(products), errors).astype(float)
 
 

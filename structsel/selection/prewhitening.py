@@ -12,12 +12,20 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts, prewhitened_cross_products
 from structsel.numerics.inclusion import DEPENDENT
 from structsel.numerics.noise_models import ARNoise
-from structsel.numerics.normal_equations import project
+from structsel.numerics.normal_equations import least_rss, project
 from structsel.numerics.regressors import DataSource
 from structsel.selection.choices import Choice, EngineData, fit_noise
 from structsel.selection.data import SelectedResponses
 from structsel.selection.resampling import cross_validate
-from structsel.selection.search import ROUNDING, Search, SearchResult, prediction_error, solve
+from structsel.selection.search import (
+    ROUNDING,
+    Search,
+    SearchResult,
+    centred,
+    model_products,
+    prediction_error,
+    solve,
+)
 
 ROUNDS = 4  # of noise model and search; the terms stay the same after two almost always
 WORSE = 1.25  # squared error of the fit from which prewhitening is dropped, if cross-validation agrees
@@ -129,7 +137,7 @@ def _pilot(data: EngineData, choices: Sequence[Choice], noise: Sequence[Sequence
     for r, products in enumerate(_prewhitened(data, everyone, noise, data.exponents[numbers])):
         search, inside = choices[r].search, np.zeros((p + 2, p + 2))
         inside[np.ix_(columns, columns)] = _own_constants(products, search).total()
-        result = search.run(product=inside)  # candidates that are constant zero are not searched
+        result = search.run(C=centred(inside))  # candidates that are constant zero are not searched
         if set(result.selected) != set(choices[r].result.selected):
             found[r] = Choice(search, result, (), False, scaled=solve(inside, result.selected))
     return found
@@ -175,13 +183,17 @@ def _check_prewhitening(choice: Choice, plain: Search) -> Choice:
     """
     if not plain.folds:
         return choice
-    other = cluster_robust(plain)
     total = plain.products.total()
-    errors = [
-        prediction_error(solve(c.search.products.total(), c.result.selected), c.result.selected, total)
-        for c in (choice, other)
-    ]
-    if errors[0] <= max(WORSE * errors[1], ROUNDING * total[-1, -1]):
+
+    def error(of: Choice) -> float:
+        kept = of.result.selected
+        return prediction_error(solve(model_products(of.search.products, kept)), total, kept)
+
+    with_noise_model, rounding = error(choice), ROUNDING * float(total[-1, -1])
+    if with_noise_model <= max(WORSE * least_rss(total), rounding):  # whatever terms the other search selects
+        return choice
+    other = cluster_robust(plain)
+    if with_noise_model <= max(WORSE * error(other), rounding):
         return choice
     with_it, without = (cross_validate(c.search, plain.products) for c in (choice, other))
     if with_it is None or without is None or with_it.sse.sum() <= without.sse.sum():

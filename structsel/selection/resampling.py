@@ -11,9 +11,17 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, choose_workers
-from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.cross_products import CrossProducts, places
 from structsel.numerics.noise_models import random_block_weights
-from structsel.selection.search import Search, SearchResult, find_probabilities, prediction_error, solve
+from structsel.selection.search import (
+    Search,
+    SearchResult,
+    centred_triangle,
+    find_probabilities,
+    model_products,
+    prediction_error,
+    solve,
+)
 
 AT_A_TIME = 16  # resampled totals formed together
 CALIBRATION = 0.46, 1.11
@@ -106,8 +114,8 @@ def cross_validate(search: Search, plain: CrossProducts) -> CrossValidation | No
     sse, tss, n = [], [], []
     unit = plain.scale[-1] ** 2
     for weights, kept, theta in search.without_folds:
-        test = plain.total(1.0 - weights)
-        sse.append(prediction_error(theta, kept, test) * unit)
+        test = model_products(plain, kept, 1.0 - weights)
+        sse.append(prediction_error(theta, test) * unit)
         tss.append(float(test[-1, -1] - test[0, -1] ** 2 / test[0, 0]) * unit)
         n.append(test[0, 0])
     within = plain.manoeuvre.min() == plain.last.max()
@@ -140,10 +148,10 @@ def bootstrap_selection(
         """Terms, parameters and probabilities for each row of weights; one matrix product reads the blocks for all."""
         found = []
         for w, packed in zip(some, some @ products.packed, strict=True):
-            product = products.unpack(packed)
-            result = search.run(w, product)
-            kept = result.selected
-            found.append((kept, solve(product, kept), find_probabilities(search, product, result)))
+            C = centred_triangle(packed, products.scale.size)
+            result = search.run(w, C)
+            model = packed[places(products.scale.size, [0, *(j + 1 for j in result.selected), products.scale.size - 1])]
+            found.append((result.selected, solve(model), find_probabilities(search, C, result)))
         return found
 
     workers = choose_workers(options.workers, SAMPLES_PER_SEARCH * len(weights), products.n_candidates)

@@ -15,9 +15,9 @@ from structsel.numerics import criteria
 from structsel.numerics.arrays import Array
 from structsel.numerics.cluster_stepwise import samples_per_independent_sample
 from structsel.numerics.collinearity import drop_correlated
-from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.cross_products import CrossProducts, diagonal_places
 from structsel.numerics.inclusion import DEPENDENT, inclusion_probabilities
-from structsel.numerics.normal_equations import centre, project, solve_normal_equations
+from structsel.numerics.normal_equations import centre, centre_triangle, project, solve_normal_equations
 from structsel.numerics.search_path import SearchStep
 from structsel.numerics.stepwise import partial_f, stepwise
 from structsel.selection.aliases import SAME_FIT, find_aliases
@@ -107,9 +107,8 @@ class Search:
         found = []
         for fold in self.folds:
             weights = weights_without(self.products, fold)
-            product = self.products.total(weights)
-            kept = self.run(weights, product).selected
-            found.append((weights, kept, solve(product, kept)))
+            kept = self.run(weights).selected
+            found.append((weights, kept, solve(model_products(self.products, kept, weights))))
         return tuple(found)
 
     @cached_property
@@ -119,8 +118,8 @@ class Search:
         products, constraints = self.products.of_candidates(numbers), self.constraints.of_candidates(numbers)
         return numbers, replace(self, products=products, constraints=constraints, degree=None)
 
-    def run(self, weights: Array | None = None, product: Array | None = None) -> SearchResult:
-        """Search the weighted sum of blocks, or the ``product`` that it is; blocks of weight zero are not seen."""
+    def run(self, weights: Array | None = None, C: Array | None = None) -> SearchResult:
+        """Search the weighted sum of blocks, or C, which is that sum centred; blocks of weight zero are not seen."""
         options = self.options
         if self.cluster_robust and self.folds and not METHODS[options.method].cluster_robust:
             options = replace(options, criterion="cv", sigma_max="response")
@@ -131,14 +130,15 @@ class Search:
                 inside = np.isin(np.arange(w.size), fold)
                 if w[inside].any():
                     pairs.append((self.products.total(w * ~inside), self.products.total(w * inside)))
-        if self.fixed is None and self.hidden.any():
-            numbers, visible = self._visible
-            columns = np.concatenate([[0], 1 + numbers, [1 + self.hidden.size]])
-            part = None if product is None else product[np.ix_(columns, columns)]
-            return visible.run(weights, part).numbered(numbers)
-        C = centred(self.products.total(weights) if product is None else product)
         if self.fixed is not None:
-            return _given(C, self.fixed, self.products.dof(weights))
+            part = model_products(self.products, self.fixed, weights)
+            return _given(centred(part), self.fixed, self.products.dof(weights))
+        if self.hidden.any():
+            numbers, visible = self._visible
+            columns = np.append(numbers, self.hidden.size)
+            return visible.run(weights, None if C is None else C[np.ix_(columns, columns)]).numbered(numbers)
+        if C is None:
+            C = centred_triangle(self.products.packed_total(weights), self.products.scale.size)
         problem = _pose(
             C,
             self.products.dof(weights),
@@ -176,17 +176,27 @@ def centred(product: Array) -> Array:
     return C
 
 
+def centred_triangle(packed: Array, q: int) -> Array:
+    """The same from the packed triangle of the products of q columns."""
+    C = centre_triangle(packed, q)
+    still = C.diagonal() <= CONSTANT * packed[diagonal_places(q)[1:]]
+    if still.any():
+        C[still] = 0.0
+        C[:, still] = 0.0
+    return C
+
+
 def _given(C: Array, terms: Sequence[int], dof: float) -> SearchResult:
-    """The fit of given terms, without those that are constant or depend on the others."""
-    columns = [j for j in terms if C[j, j] > 0.0]
+    """The fit of given terms, whose products C are, without those that are constant or depend on the others."""
+    columns = [i for i in range(len(terms)) if C[i, i] > 0.0]
     if columns:
         root = np.sqrt(np.diag(C)[columns])
         _, pivot, rank, _ = scipy.linalg.lapack.dpstrf(
             C[np.ix_(columns, columns)] / np.outer(root, root), tol=DEPENDENT
         )
-        columns = sorted(columns[i - 1] for i in pivot[:rank])
+        columns = sorted((columns[i - 1] for i in pivot[:rank]), key=lambda i: terms[i])
     rss = project(C, columns).rss if columns else float(C[-1, -1])
-    return SearchResult(tuple(columns), rss, float(C[-1, -1]), (), "terms as given", dof, dof)
+    return SearchResult(tuple(terms[i] for i in columns), rss, float(C[-1, -1]), (), "terms as given", dof, dof)
 
 
 def _pose(
@@ -242,7 +252,7 @@ def _scores(criterion: str, models: Sequence[Model], problem: SearchProblem, fol
             raise SelectionError("select: criterion 'cv' needs parts to hold out; there is only one block.")
         return [
             sum(
-                max(prediction_error(solve(fit, kept), kept, test), ROUNDING * float(test[-1, -1]))
+                max(prediction_error(solve(fit, kept), test, kept), ROUNDING * float(test[-1, -1]))
                 for fit, test in folds
             )
             for kept, _ in models
@@ -321,14 +331,16 @@ def _drop_correlated(result: SearchResult, problem: SearchProblem) -> SearchResu
 # ---------------------------------------------------------------- of a model, by its cross-products
 
 
-def find_probabilities(search: Search, product: Array, result: SearchResult) -> Array:
-    """Probability that each candidate belongs in the model, (p,), from products of [1, x, y] and a model of them.
+def find_probabilities(search: Search, C: Array, result: SearchResult) -> Array:
+    """Probability that each candidate belongs in the model, (p,), from centred products and a model of them.
 
     Zero for those that are not searched.
     """
-    constraints, C = search.constraints, centred(product)
-    C[:-1][search.hidden] = 0.0
-    C[:, :-1][:, search.hidden] = 0.0
+    constraints = search.constraints
+    if search.hidden.any():
+        C = C.copy()
+        C[:-1][search.hidden] = 0.0
+        C[:, :-1][:, search.hidden] = 0.0
     return inclusion_probabilities(
         C,
         result.effective_dof,
@@ -338,13 +350,21 @@ def find_probabilities(search: Search, product: Array, result: SearchResult) -> 
     )
 
 
-def solve(product: Array, kept: Sequence[int]) -> Array:
-    """Parameters of the constant and the kept terms from products of [1, x, y], (1 + k,)."""
-    return solve_normal_equations(product, [0, *(j + 1 for j in kept)])
+def model_products(products: CrossProducts, kept: Sequence[int], weights: Array | None = None) -> Array:
+    """Products of the constant, the kept terms and the response, (2 + k, 2 + k)."""
+    return products.part([0, *(j + 1 for j in kept), products.scale.size - 1], weights)
 
 
-def prediction_error(theta: Array, kept: Sequence[int], product: Array) -> float:
-    """Sum of squares of y - X theta over the samples behind ``product``."""
-    rows = np.concatenate([[0], np.asarray(kept, dtype=int) + 1, [product.shape[0] - 1]])
+def solve(product: Array, kept: Sequence[int] | None = None) -> Array:
+    """Parameters of the constant and the kept terms, or of all, from products of [1, x, y], (1 + k,)."""
+    columns = range(len(product) - 1) if kept is None else [0, *(j + 1 for j in kept)]
+    return solve_normal_equations(product, columns)
+
+
+def prediction_error(theta: Array, product: Array, kept: Sequence[int] | None = None) -> float:
+    """Sum of squares of y - X theta over the samples behind ``product``, x the kept terms or all."""
+    if kept is not None:
+        rows = [0, *(j + 1 for j in kept), product.shape[0] - 1]
+        product = product[np.ix_(rows, rows)]
     v = np.append(-theta, 1.0)
-    return float(max(v @ product[np.ix_(rows, rows)] @ v, 0.0))
+    return float(max(v @ product @ v, 0.0))
