@@ -124,7 +124,7 @@ def inverse_of_scaled(R: Array) -> Array:
     inverse: Array
     inverse, determined = cholesky_inverse(R)
     if not determined:
-        inverse = np.linalg.pinv(R, hermitian=True)
+        inverse = np.asarray(np.linalg.pinv(R, hermitian=True), dtype=np.float64)
     return inverse
 
 
