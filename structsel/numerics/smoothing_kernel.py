@@ -120,7 +120,7 @@ def _fill(rows, carried, step, k, drive, L, LF):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def _converged(triangle, carried):
-    """Whether a step did not change the triangle; further even steps will not either."""
+    """Whether a step did not change the triangle, or covariance; further even steps will not either."""
     for i in range(triangle.shape[0]):
         for j in range(i, triangle.shape[0]):
             if not abs(triangle[i, j] - carried[i, j]) < _STILL * abs(triangle[i, i]):
@@ -160,28 +160,47 @@ def backward_sweep(store, states, variances):
     n, m = states.shape
     cov = np.zeros((m, m))
     new = np.zeros((m, m))
-    wide = np.zeros((m, 2 * m + 1))  # U^-1 [I, V, c]
+    wide = np.zeros((m, 2 * m))  # U^-1 [I, V]
+    still = False  # whether the covariance has converged, which stays so while the triangle is the same
     for k in range(n - 1, -1, -1):
-        wide[:] = 0.0
-        for i in range(m - 1, -1, -1):
-            wide[i, i] = 1.0
-            wide[i, m:] = store[k, i, m:]
-            for j in range(i + 1, m):
-                wide[i] -= store[k, i, j] * wide[j]
-            wide[i] /= store[k, i, i]
+        if k >= n - 2 or not _same_triangle(store[k], store[k + 1]):
+            still = False
+            wide[:] = 0.0
+            for i in range(m - 1, -1, -1):
+                wide[i, i] = 1.0
+                wide[i, m:] = store[k, i, m : 2 * m]
+                for j in range(i + 1, m):
+                    wide[i] -= store[k, i, j] * wide[j]
+                wide[i] /= store[k, i, i]
         for i in range(m):
-            states[k, i] = wide[i, 2 * m]
+            total = 0.0
+            for j in range(i, m):
+                total += wide[i, j] * store[k, j, 2 * m]
             if k < n - 1:
                 for j in range(m):
-                    states[k, i] -= wide[i, m + j] * states[k + 1, j]
-            for j in range(m):
-                total = 0.0
-                for a in range(m):
-                    total += wide[i, a] * wide[j, a]
-                    if k < n - 1:
-                        for b in range(m):
-                            total += wide[i, m + a] * cov[a, b] * wide[j, m + b]
-                new[i, j] = total
-        cov[:] = new
+                    total -= wide[i, m + j] * states[k + 1, j]
+            states[k, i] = total
+        if not still:
+            for i in range(m):
+                for j in range(m):
+                    total = 0.0
+                    for a in range(m):
+                        total += wide[i, a] * wide[j, a]
+                        if k < n - 1:
+                            for b in range(m):
+                                total += wide[i, m + a] * cov[a, b] * wide[j, m + b]
+                    new[i, j] = total
+            still = k < n - 1 and _converged(new, cov)
+            cov[:] = new
         for i in range(m):
             variances[k, i] = cov[i, i]
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _same_triangle(rows, others):
+    """Whether the triangular rows of two states differ in the right-hand sides only."""
+    for i in range(rows.shape[0]):
+        for j in range(rows.shape[1] - 1):
+            if rows[i, j] != others[i, j]:
+                return False
+    return True
