@@ -63,27 +63,34 @@ def forward_sweep(step, y, drive, L, LF, store, keep):
         if there and not last and abs(step[k] - even) < _EVEN * even:
             # The triangle has converged: only the right-hand sides change.
             for i in range(0 if keep else m, width):
-                rows[i, 2 * m] = turn[i, m] * y[k]
+                total = turn[i, m] * y[k]
                 for j in range(m):
-                    rows[i, 2 * m] += turn[i, j] * carried[j, m]
-        else:
-            logs = _fill(rows, carried, step, k, drive, L, LF)
-            if there:
-                rows[m, 0] = 1.0
-                rows[m, 2 * m] = y[k]
-            for j in range(m if last else 2 * m):
-                _reflect(rows, j, m)
+                    total += turn[i, j] * carried[j, m]
+                rows[i, 2 * m] = total
+            rss += rows[2 * m, 2 * m] ** 2
             for i in range(m):
-                logs += np.log(abs(rows[i, i]))
-            even = step[k] if there and not last and _converged(rows[m : 2 * m, m : 2 * m], carried) else 0.0
-            if even > 0.0:
-                with_turn[:] = 0.0
-                _fill(with_turn, carried, step, k, drive, L, LF)
-                with_turn[m, 0] = 1.0
-                for i in range(m + 1):
-                    turn[i, i] = 1.0
-                for j in range(2 * m):
-                    _reflect(with_turn, j, m)
+                carried[i, m] = rows[m + i, 2 * m]
+            logdet += logs
+            if keep:
+                store[k] = rows[:m]
+            continue
+        logs = _fill(rows, carried, step, k, drive, L, LF)
+        if there:
+            rows[m, 0] = 1.0
+            rows[m, 2 * m] = y[k]
+        for j in range(m if last else 2 * m):
+            _reflect(rows, j, m)
+        for i in range(m):
+            logs += np.log(abs(rows[i, i]))
+        even = step[k] if there and not last and _converged(rows[m : 2 * m, m : 2 * m], carried) else 0.0
+        if even > 0.0:
+            with_turn[:] = 0.0
+            _fill(with_turn, carried, step, k, drive, L, LF)
+            with_turn[m, 0] = 1.0
+            for i in range(m + 1):
+                turn[i, i] = 1.0
+            for j in range(2 * m):
+                _reflect(with_turn, j, m)
         logdet += logs
         if keep:
             store[k] = rows[:m]
