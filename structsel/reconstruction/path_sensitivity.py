@@ -124,6 +124,40 @@ def segments_of(t: np.ndarray) -> list[slice]:
 
 
 @njit(cache=True)
+def _slope_changes(path, inputs, place, g, active, m, step):  # type: ignore[no-untyped-def]
+    """(n, m, L) derivatives of the slopes of the motion with the active states, by central differences."""
+    changes = np.empty((path.shape[0], m, active.size))
+    moved = path.copy()
+    for j in range(active.size):
+        state = active[j]
+        moved[:, state] = path[:, state] + step[state]
+        up = slopes(moved, inputs, place, g)
+        moved[:, state] = path[:, state] - step[state]
+        down = slopes(moved, inputs, place, g)
+        moved[:, state] = path[:, state]
+        for k in range(path.shape[0]):
+            for i in range(m):
+                changes[k, i, j] = (up[k, active[i]] - down[k, active[i]]) / (2.0 * step[state])
+    return changes
+
+
+@njit(cache=True)
+def _reading_changes(path, inputs, place, flank, active, step):  # type: ignore[no-untyped-def]
+    """(n, 12, L) derivatives of the readings with the active states, by central differences."""
+    changes = np.empty((path.shape[0], len(MEASUREMENTS), active.size))
+    moved = path.copy()
+    for j in range(active.size):
+        state = active[j]
+        moved[:, state] = path[:, state] + step[state]
+        up = readings(moved, inputs, place, flank)
+        moved[:, state] = path[:, state] - step[state]
+        down = readings(moved, inputs, place, flank)
+        moved[:, state] = path[:, state]
+        changes[:, :, j] = (up - down) / (2.0 * step[state])
+    return changes
+
+
+@njit(cache=True)
 def _rate(A, Z, out):  # type: ignore[no-untyped-def]
     """A [Z; 0 I]: the constants do not change."""
     m, L = A.shape
@@ -166,11 +200,7 @@ def sensitivity_factor(
     t, path, inputs = problem.t[segment], np.ascontiguousarray(path[segment]), np.ascontiguousarray(inputs[segment])
     # Of a long recording every few samples: the sensitivities change as slowly as the motion.
     grid = np.unique(np.append(np.arange(0, len(t), max(1, len(problem.t) // _INTEGRATED)), len(t) - 1))
-    A = np.empty((len(grid), m, L))
-    for j, state in enumerate(active):
-        ends = (slopes(side, inputs[grid], problem.place, problem.g) for side in _moved(path[grid], state))
-        A[:, :, j] = np.subtract(*ends)[:, active[:m]] / (2.0 * _STEP[state])
-    Z = _sensitivities(t[grid], A)
+    Z = _sensitivities(t[grid], _slope_changes(path[grid], inputs[grid], problem.place, problem.g, active, m, _STEP))
     sampled = np.isfinite(problem.measurements[segment])
     if not problem.located:
         sampled[:, 7:9] = False  # a position that is not a state explains no measurement
@@ -179,10 +209,7 @@ def sensitivity_factor(
         seen = np.flatnonzero(column)
         chosen.append(seen[np.unique(np.linspace(0, len(seen) - 1, min(len(seen), limit)).astype(int))])
     at = np.unique(np.concatenate(chosen))
-    dh = np.empty((len(at), len(MEASUREMENTS), L))
-    for j, state in enumerate(active):
-        up, down = (readings(side, inputs[at], problem.place, problem.flank) for side in _moved(path[at], state))
-        dh[:, :, j] = (up - down) / (2.0 * _STEP[state])
+    dh = _reading_changes(path[at], inputs[at], problem.place, problem.flank, active, _STEP)
     J = dh[:, :, :m] @ _between(Z, t[grid], t[at])
     J[:, :, m:] += dh[:, :, m:]
     rows = []
@@ -200,10 +227,3 @@ def _between(values: np.ndarray, t: np.ndarray, at: np.ndarray) -> np.ndarray:
     weight = ((at - t[later - 1]) / (t[later] - t[later - 1]))[:, None, None]
     interpolated: np.ndarray = (1.0 - weight) * values[later - 1] + weight * values[later]
     return interpolated
-
-
-def _moved(path: np.ndarray, state: int) -> tuple[np.ndarray, np.ndarray]:
-    up, down = path.copy(), path.copy()
-    up[:, state] += _STEP[state]
-    down[:, state] -= _STEP[state]
-    return up, down
