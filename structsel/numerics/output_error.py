@@ -184,6 +184,7 @@ class _LocalSearch:
     factor: float
     score: ScoreCovariance
     evaluations: int = 0
+    last: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, list, list]] | None = None
 
     def run(self, theta: np.ndarray, iterations: int, progress: Callable[[int, float], None] | None) -> OutputErrorFit:
         """Step until converged."""
@@ -231,8 +232,11 @@ class _LocalSearch:
 
     def information(self, theta: np.ndarray, outputs: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, list, list]:
         """Information matrix H, negative gradient g of the cost, whitened sensitivities and residuals."""
+        if self.last is not None and np.array_equal(self.last[0], theta):
+            return self.last[1]  # the report is about the last point of the search
         problem, k = self.problem, theta.size
         residuals = problem.residuals(outputs)
+        self.last = None  # sensitivities take much memory
         F = problem.whitener(problem.covariance(residuals))
         S = [s @ F for s in problem.sensitivities(theta, self.scale, self.bounds)]
         self.evaluations += 2 * k
@@ -243,6 +247,7 @@ class _LocalSearch:
         if problem.prior is not None:
             mean, std = problem.prior
             H, g = H + np.diag(std**-2.0), g - (theta - mean) / std**2
+        self.last = theta.copy(), (H, g, S, v)
         return H, g, S, v
 
     def step(self, theta: np.ndarray, H: np.ndarray, g: np.ndarray, damping: float) -> np.ndarray:

@@ -27,7 +27,7 @@ from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Rec
 from structsel.reconstruction.scale_factors import add_scale_errors
 from structsel.reconstruction.settings import INERTIAL, ReconstructOptions
 from structsel.reconstruction.sign_and_unit_checks import reject_wrong_sign_or_unit
-from structsel.reconstruction.ukf import FilterResult, SmootherResult, ukf_smoother
+from structsel.reconstruction.ukf import FilterResult, SmootherResult, smoothed_deviations, ukf_smoother
 from structsel.recording import Recording
 from structsel.recording.arguments import as_one_recording, require_kind
 
@@ -238,7 +238,7 @@ def _with_initial_heading(problem_setup: ReconstructionProblem) -> tuple[Reconst
 def _by_filter(
     problem_setup: ReconstructionProblem, recording: Recording, options: ReconstructOptions
 ) -> tuple[FilterResult, SmootherResult]:
-    run, smooth = _smooth(problem_setup.problem, options)
+    run, smooth = ukf_smoother(problem_setup.problem, spread=options.filter_spread, gate=options.gate)
     if smooth is None:
         i = run.failed
         raise ReconstructionError(
@@ -279,10 +279,6 @@ def _by_output_error(
     return found, run, SmootherResult(x, white, fit.covariance[None], np.array([0])), wide
 
 
-def _smooth(problem: KinematicsProblem, options: ReconstructOptions) -> tuple[FilterResult, SmootherResult | None]:
-    return ukf_smoother(problem, spread=options.filter_spread, gate=options.gate)
-
-
 def _inflate_for_autocorrelation(
     problem_setup: ReconstructionProblem, consistency: Consistency, options: ReconstructOptions
 ) -> np.ndarray | None:
@@ -291,8 +287,7 @@ def _inflate_for_autocorrelation(
     if std is None:
         return None
     problem = replace(problem_setup.problem, measurement_std=std)
-    _, smooth = _smooth(problem, options)
-    return None if smooth is None else smooth.std
+    return smoothed_deviations(problem, spread=options.filter_spread, gate=options.gate)
 
 
 def _complete_path(problem: KinematicsProblem, x: np.ndarray) -> np.ndarray:

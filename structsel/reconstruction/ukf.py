@@ -238,7 +238,24 @@ def ukf_smoother(
         A spread for which a weight would be negative.
     """
     run = _Run(problem, spread, gate)
-    n, L = len(problem.t), len(run.data.states)
+    (log_likelihood, failed, ending), smoothed = _forward_and_back(run)
+    filtered = run.result(log_likelihood, failed, ending)
+    if smoothed is None:
+        return filtered, None
+    output, turns = smoothed
+    at = np.arange(0, len(problem.t), output.stride)
+    return filtered, SmootherResult(run.continuous(output.x, turns), output.std, output.covariance, at)
+
+
+def smoothed_deviations(problem: KinematicsProblem, *, spread: float = 1.0, gate: float = 0.0) -> np.ndarray | None:
+    """Standard deviations (n, L) of `ukf_smoother`, without its estimates; None where the filter failed."""
+    smoothed = _forward_and_back(_Run(problem, spread, gate))[1]
+    return None if smoothed is None else smoothed[0].std
+
+
+def _forward_and_back(run: _Run) -> tuple[tuple[float, int, int], tuple[SmootherOutput, np.ndarray] | None]:
+    """Log-likelihood, failed sample and end of the filter; output and quaternions of the smoother, if there are any."""
+    n, L = len(run.problem.t), len(run.data.states)
     block = run.block
     blocks = list(pairwise([1, *range(1 + block, n, block), n]))
     single = len(blocks) == 1
@@ -251,11 +268,11 @@ def ukf_smoother(
         starts.append(run.copy_estimate())
         more, failed, ending = run.advance(first, last, steps if single else run.steps(0))
         log_likelihood += more
-    filtered = run.result(log_likelihood, failed, ending)
+    ended = log_likelihood, failed, ending
     if failed >= 0:
-        return filtered, None
+        return ended, None
     stride = max(1, -(-n * L * L * 8 // _MAX_BYTES))
-    wanted = len(problem.active)
+    wanted = len(run.problem.active)
     place = np.full(L, -1)
     place[run.columns] = np.arange(wanted)
     covariance = np.empty((-(-n // stride), wanted, wanted))
@@ -271,4 +288,4 @@ def ukf_smoother(
             run.advance(first, last, steps)
         filter_x, filter_turns = run.output.x, run.output.quaternion
         smooth_samples(first, last, f, states, x, quaternion, S, filter_x, filter_turns, turns, steps, output)
-    return filtered, SmootherResult(run.continuous(output.x, turns), output.std, covariance, np.arange(0, n, stride))
+    return ended, (output, turns)
