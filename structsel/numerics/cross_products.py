@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial, reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from structsel.numerics.blocks import (
     count_samples,
     cut_blocks,
 )
+from structsel.numerics.compiling import njit
 from structsel.numerics.noise_models import ARNoise, pooled_innovation_std, prewhiten
 from structsel.numerics.polynomial_products import PolynomialProducts, plan_polynomial_products
 from structsel.numerics.rank_update import add_products
@@ -155,7 +157,6 @@ class CrossProducts:
                 f"share {self.n_blocks} blocks.\nUse constants='shared', or select from fewer recordings."
             )
         packed = self.packed.copy()
-        i, j = np.triu_indices(self.scale.size)
         for k in np.unique(self.manoeuvre):
             blocks = np.flatnonzero(self.manoeuvre == k)
             total = self.sums[blocks].sum(axis=0)
@@ -164,8 +165,7 @@ class CrossProducts:
             if columns is not None:
                 m[np.setdiff1d(np.arange(m.size), columns)] = 0.0
             for b in blocks:
-                s = self.sums[b]
-                packed[b] -= m[i] * s[j] + (s[i] - m[i] * s[0]) * m[j]
+                remove_constant(packed[b], self.sums[b], m)
         return replace(self, packed=packed, own_constants=columns is None)
 
     def of_candidates(self, candidates: NDArray[np.integer]) -> CrossProducts:
@@ -186,7 +186,7 @@ class CrossProducts:
         return self._of_columns(keep, self.n_candidates, 1)
 
     def _of_columns(self, keep: NDArray[np.integer], candidates: int, responses: int) -> CrossProducts:
-        inside = places(self.scale.size, keep)[np.triu_indices(keep.size)]
+        inside = upper_triangle(places(self.scale.size, keep))
         scale, packed = self.scale[keep], self.packed[:, inside]
         return replace(self, scale=scale, packed=packed, n_candidates=candidates, n_responses=responses)
 
@@ -199,6 +199,28 @@ def _places(q: int) -> NDArray[np.intp]:
     table[upper] = np.arange(upper[0].size)
     table.T[upper] = table[upper]
     return table
+
+
+@lru_cache(maxsize=8)
+def _upper(q: int) -> NDArray[np.intp]:
+    """Places of the upper triangle, row by row, in a (q, q) matrix."""
+    return np.flatnonzero(np.triu(np.ones((q, q), dtype=bool)))
+
+
+def upper_triangle(matrix: NDArray[Any]) -> NDArray[Any]:
+    """Upper triangle of a square matrix, row by row."""
+    return np.take(matrix, _upper(len(matrix)))
+
+
+@njit(cache=True, nogil=True)
+def remove_constant(packed: Array, sums: Array, m: Array) -> None:  # pragma: no cover - compiled
+    """Products of one block after regression on a constant with coefficients m, in place; ``sums`` are its row 0."""
+    at = 0
+    for i in range(m.size):
+        rest = sums[i] - m[i] * sums[0]
+        for j in range(i, m.size):
+            packed[at] -= m[i] * sums[j] + rest * m[j]
+            at += 1
 
 
 def places(q: int, columns: Sequence[int] | NDArray[np.integer]) -> NDArray[np.intp]:
@@ -279,7 +301,7 @@ def _products_of_block(words: tuple[Word, ...], scales: Scales, block: Sequence[
     for part in block:
         for rows in chunks.over(part.source, part.start, part.stop):
             add_products(rows, total)
-    return total[np.triu_indices(chunks.q)]
+    return upper_triangle(total)
 
 
 def prewhitened_cross_products(
@@ -346,5 +368,4 @@ def _prewhitened_products_of_block(
                 rows[q - 1] = responses[r]
                 prewhiten(rows[:q], model.ar, levels[r] / model.sigma, reach, into)
                 add_products(into, totals[r])
-    upper = np.triu_indices(q)
-    return np.concatenate([total[upper] for total in totals])
+    return np.concatenate([upper_triangle(total) for total in totals])
