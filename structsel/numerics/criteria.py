@@ -212,7 +212,7 @@ def candidate_numbers(values: Sequence[int], p: int, who: str, what: str) -> NDA
 
 def check_size(include: NDArray[np.int64], initial: NDArray[np.int64], dof: float, max_terms: int, who: str) -> None:
     """Raise `SelectionError` where the terms a search starts from are more than the samples or max_terms allow."""
-    wanted = np.union1d(include, initial).size
+    wanted = len({*include.tolist(), *initial.tolist()})
     if wanted >= dof:
         raise SelectionError(
             f"{who} is to start from {wanted} terms but has {dof:g} degrees of freedom. Start from fewer "

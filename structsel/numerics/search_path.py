@@ -84,11 +84,10 @@ def search_path(answer: Any, trace: Array, tss: float, dof: float) -> SearchPath
     chosen, theta, rss, refused, why, moves = answer
     theta.setflags(write=False)
     steps = tuple(
-        SearchStep(ACTIONS[int(a)], int(i), int(o), float(F), float(r), float(left) * tss, int(k))
-        for a, i, o, F, r, left, k in trace[:moves]
+        SearchStep(ACTIONS[int(a)], int(i), int(o), F, r, left * tss, int(k))
+        for a, i, o, F, r, left, k in trace[:moves].tolist()
     )
-    kept = tuple(int(j) for j in chosen)
-    out = tuple(int(j) for j in np.flatnonzero(refused))
+    kept, out = tuple(chosen.tolist()), tuple(np.flatnonzero(refused).tolist())
     return SearchPath(kept, theta, float(rss), steps, out, STOPS[why], tss, dof)
 
 
