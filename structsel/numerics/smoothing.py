@@ -185,8 +185,11 @@ class _SplineFit:
                     ).x
                 )
             )
+            self.rows = None
+        else:
+            self.rows = self._empty_rows()  # of the only fit there is
         self.cutoff = cutoff
-        rss, logdet = self._sweep(y, step, float(np.log(cutoff)))
+        rss, logdet = self._sweep(y, step, float(np.log(cutoff)), self.rows)
         free = self.count - m
         self.profile = float(free * np.log(rss / free) + 2.0 * logdet)
         self.variance = rss / free
@@ -200,8 +203,14 @@ class _SplineFit:
         # White noise of variance s^2 has density s^2 dt, and x^(m) of intensity q gives x q / w^2m: equal at cut-off.
         return float(np.sqrt((2.0 * np.pi * np.exp(log_cutoff)) ** (2 * self.m) * self.dt))
 
-    def _sweep(self, y: Array, step: Array, log_cutoff: float) -> tuple[float, float]:
-        rss, logdet = forward_sweep(step, y, self._drive(log_cutoff), *self.factors, np.empty((1, 1, 1)), False)
+    def _empty_rows(self) -> Array:
+        """Storage for the triangular rows of every state."""
+        return np.empty((self.y.size, self.m, 2 * self.m + 1))
+
+    def _sweep(self, y: Array, step: Array, log_cutoff: float, rows: Array | None = None) -> tuple[float, float]:
+        """Residual sum of squares and log-determinant; the triangular rows are stored if there is storage for them."""
+        keep, store = rows is not None, np.empty((1, 1, 1)) if rows is None else rows
+        rss, logdet = forward_sweep(step, y, self._drive(log_cutoff), *self.factors, store, keep)
         return max(rss, self.least), logdet
 
     def _profile(self, log_cutoff: float) -> float:
@@ -221,11 +230,11 @@ class _SplineFit:
 
     def solve(self) -> tuple[Array, Array]:
         """States (n, m) and their standard deviations."""
-        n = self.y.size
-        store = np.empty((n, self.m, 2 * self.m + 1))
-        forward_sweep(self.step, self.y, self._drive(np.log(self.cutoff)), *self.factors, store, True)
-        states, variances = np.empty((n, self.m)), np.empty((n, self.m))
-        backward_sweep(store, states, variances)
+        if self.rows is None:
+            self.rows = self._empty_rows()
+            self._sweep(self.y, self.step, float(np.log(self.cutoff)), self.rows)
+        states, variances = np.empty((2, self.y.size, self.m))
+        backward_sweep(self.rows, states, variances)
         return states, np.sqrt(variances * self.variance)
 
 
