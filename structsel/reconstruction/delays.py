@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.numerics import kinematics as fp
-from structsel.numerics.score_covariance import coloured_covariance
+from structsel.numerics.score_covariance import score_covariance
 from structsel.reconstruction.kinematics_problem import KinematicsProblem
 
 _MIN_SAMPLES = 40
@@ -78,5 +78,7 @@ def _regress(columns: np.ndarray, e: np.ndarray) -> tuple[float, float]:
     if np.abs(np.diag(R)).min() < 1e-6 * np.abs(np.diag(R)).max():
         return 0.0, np.inf
     theta = np.linalg.lstsq(scaled, e, rcond=None)[0]
-    covariance = coloured_covariance([scaled], [e - scaled @ theta])
-    return float(theta[0] / size[0]), float(np.sqrt(covariance[0, 0]) / size[0])
+    # theta_0 is linear in the readings: its weights D x(i) are the only sensitivity whose covariance is needed.
+    weights = scaled @ np.linalg.solve(scaled.T @ scaled, np.eye(3)[0])
+    variance = score_covariance(weights[None, :, None], (e - scaled @ theta)[:, None])[0, 0] * len(e) / (len(e) - 3)
+    return float(theta[0] / size[0]), float(np.sqrt(variance) / size[0])

@@ -15,6 +15,7 @@ from structsel.numerics.signal_quality import NOISE_LEVEL_ERROR
 from structsel.reconstruction.ukf import FilterResult
 
 _LAGS_SECONDS = 5.0
+_FEW_LAGS = 4  # that are summed one by one before all of them are
 _COLOURED = 1.5  # variance of a mean over that of white noise, above which standard deviations are increased
 _START_UP = 0.05  # fraction of the run in which the filter converges from its initial values
 
@@ -166,8 +167,13 @@ def correlation_length(x: np.ndarray) -> float:
     """Variance inflation of a mean, 1 + 2 sum of the autocorrelations up to the first insignificant one."""
     if len(x) < 10:
         return 1.0
-    rho = autocorrelation(x, max(1, len(x) // 5))[1:]
-    # The sum over all lags would be noise: it ends at the first lag that is not significant.
-    below = np.flatnonzero(rho < 1.0 / np.sqrt(len(x)))
+    longest, limit = max(1, len(x) // 5), 1.0 / np.sqrt(len(x))
+    # The sum over all lags would be noise: it ends at the first lag that is not significant, often an early one.
+    centred = x - np.mean(x)
+    square, early = float(centred @ centred), np.zeros(0)
+    if square > 0.0 and longest > _FEW_LAGS:
+        early = np.array([centred[lag:] @ centred[:-lag] for lag in range(1, 1 + _FEW_LAGS)]) / square
+    rho = early if np.any(early < limit) else autocorrelation(x, longest)[1:]
+    below = np.flatnonzero(rho < limit)
     last = int(below[0]) if below.size else len(rho)
     return max(1.0, 1.0 + 2.0 * float(np.sum(rho[:last])))
