@@ -57,6 +57,9 @@ class Flight:
     apart : bool
         Whether the simulation was evaluated at other states, such as reconstructed ones, which lack the biases of the
         readings.
+    form_error : mapping of response to float
+        Of a simulation whose coefficients were identified from its own flights: rms that their form leaves there, as
+        a fraction of the response's own.
     """
 
     name: str
@@ -72,6 +75,7 @@ class Flight:
     inertial: frozenset[str] = frozenset()
     air: Mapping[str, Array] = field(default_factory=dict, repr=False)
     apart: bool = False
+    form_error: Mapping[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)

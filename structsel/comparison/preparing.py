@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.comparison.checking import check_alike, check_free_simulations, check_recorded
+from structsel.comparison.checking import check_alike, check_recorded
 from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
-from structsel.comparison.responses import Rate
+from structsel.comparison.free_simulation import along_recordings
 from structsel.comparison.simulations import OpenedSimulation, open_simulation
-from structsel.comparison.surrogate import Surrogate, find_surrogate, identify
+from structsel.comparison.surrogate import find_surrogate
 from structsel.errors import DataError
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.recording import Recording, warn_of_entry_errors
-
-_HELD = ("de", "da", "dr", "df", "throttle")
 
 Progress = Callable[[str, int, int], None]
 
@@ -70,8 +68,7 @@ def prepare(
     if simulation.form == "forced" and aircraft.simulation.states != "raw":
         flights = [replace(f, apart=True) for f in flights]
     elif simulation.form == "free":
-        check_free_simulations(simulation.flights, recordings, simulation.name)
-        flights = _from_flights(flights, simulation, aircraft, remarks)
+        flights, remarks = along_recordings(flights, simulation, aircraft, recordings)
     elif simulation.evaluate is not None:
         flights = [_ask(f, simulation, r) for f, r in zip(flights, recordings)]
     shared = [c for c in flights[0].simulated if all(c in f.simulated for f in flights)]
@@ -147,65 +144,3 @@ def _ask(flight: Flight, simulation: OpenedSimulation, recording: Recording) -> 
         if name not in measured:
             measured[name] = np.asarray(recording[name])
     return replace(flight, simulated=held, measured=measured)
-
-
-def _acted(x: Array, dt: float) -> Array:
-    """Rate of the integral of an input that was held over each sample."""
-    return Rate(dt)(dt * np.concatenate([[0.0], np.cumsum(x[:-1])]))
-
-
-def _stand_in_responses(
-    flights: Sequence[Flight], stand_in: Surrogate, responses: Sequence[str]
-) -> list[dict[str, Array]]:
-    """Responses of a stand-in along flights, with inputs as read, or held over each sample: whichever fits better.
-
-    Inputs are not smoothed here: what jumps would be rounded, and their noise is small compared with their motion.
-    """
-
-    def along(held: bool) -> list[dict[str, Array]]:
-        made = []
-        for f in flights:
-            inputs = {c: _acted(f.raw[c], f.dt) if held else f.raw[c] for c in _HELD if c in f.raw}
-            plain = replace(f, channels={**f.channels, **f.air, **inputs})
-            made.append({c: stand_in.evaluate(plain, c) for c in responses})
-        return made
-
-    def error_of(responses_of: Sequence[Mapping[str, Array]]) -> float:
-        power = [sum(float(np.var(f.measured[c] - t[c])) for f, t in zip(flights, responses_of)) for c in responses]
-        return float(np.sum(np.log(power)))
-
-    return min(along(False), along(True), key=error_of)
-
-
-def _from_flights(
-    flights: Sequence[Flight], simulation: OpenedSimulation, aircraft: Aircraft, remarks: list[str]
-) -> list[Flight]:
-    """Coefficients along the recorded path of a free simulation, identified from its own flights."""
-    own: list[Flight] = []
-    for f in flights:
-        simulated_flight = simulation.flights[f.name]
-        filled = {c: np.asarray(simulated_flight[c]) for c in simulated_flight.names}
-        # Inputs were held over each sample. Rates are differentiated: what acted is to be averaged in the same way.
-        filled |= {c: _acted(x, simulated_flight.dt) for c, x in filled.items() if c in _HELD}
-        for c in ("rho", "mass", "thrust", "throttle", "df", "gear", "h_agl", "rpm"):
-            if c not in filled and c in f.channels and len(simulated_flight) == len(f):
-                filled[c] = f.channels[c]
-        own.append(
-            prepare_flight(
-                Recording(f.name, simulated_flight.t, filled),
-                aircraft,
-                {c: np.zeros(len(simulated_flight)) for c in f.simulated},
-            )
-        )
-    responses = [c for c in flights[0].simulated if all(c in o.measured for o in own)]
-    stand_in = identify(own, [o.measured for o in own], responses)
-    poor = [f"{c} ({stand_in.r2[c]:.0%})" for c in responses if stand_in.r2[c] < 0.9]
-    if poor:
-        remarks.append(
-            f"the simulation's own flights determine its {', '.join(poor)} only in part: they move too little there"
-        )
-    made = []
-    for f, simulated in zip(flights, _stand_in_responses(flights, stand_in, responses)):
-        measured: Mapping[str, Array] = {c: x for c, x in f.measured.items() if c in simulated or c not in COEFFICIENTS}
-        made.append(replace(f, simulated=simulated, measured=measured))
-    return made

@@ -1,0 +1,54 @@
+"""Coefficients of a free simulation: identified from its own flights, whichever way its inputs act between samples."""
+
+import numpy as np
+import pytest
+import scipy
+from numpy.testing import assert_allclose
+
+from structsel.aircraft import Aircraft
+from structsel.comparison.preparing import prepare
+from structsel.recording import Recording
+
+AIRCRAFT = Aircraft(
+    name="short period", mass=1000.0, S=15.0, b=10.0, cbar=1.5, inertia={"Ix": 1500.0, "Iy": 2000.0, "Iz": 3000.0}
+)
+V, RHO, DT, N = 60.0, 1.225, 0.04, 500
+CZ_ALPHA, CZ_DE, CM_ALPHA, CM_Q, CM_DE = -5.0, -0.4, -0.8, -20.0, -1.2
+
+
+def flown(k, held):
+    """Linear short-period motion at constant speed; elevator steps held after the sample or before it."""
+    rng = np.random.default_rng(k)
+    de = 0.03 * np.repeat(rng.choice([-1.0, 0.0, 1.0], N // 10), 10)
+    qS = 0.5 * RHO * V**2 * AIRCRAFT.S
+    x = np.zeros((N, 2))
+    lift = qS / (1000.0 * V) * np.array([CZ_ALPHA, 0.0, CZ_DE]) + [0.0, 1.0, 0.0]
+    pitch = qS * AIRCRAFT.cbar / 2000.0 * np.array([CM_ALPHA, CM_Q * AIRCRAFT.cbar / (2.0 * V), CM_DE])
+    step = scipy.linalg.expm(DT * np.vstack([lift, pitch, np.zeros(3)]))  # exact for an input that is held
+    for i in range(N - 1):
+        x[i + 1] = (step @ [*x[i], de[i + (held == "before")]])[:2]
+    alpha, q = x.T
+    az = qS * (CZ_ALPHA * alpha + CZ_DE * de) / 1000.0
+    zero = np.zeros(N)
+    level = dict.fromkeys(("beta", "p", "r", "phi", "psi", "ax", "ay", "da", "dr"), zero)
+    theta = np.concatenate([[0.0], np.cumsum(0.5 * DT * (q[1:] + q[:-1]))])
+    return Recording(
+        f"m{k}", DT * np.arange(N),
+        {"V": zero + V, "alpha": alpha, "q": q, "theta": theta, "az": az, "de": de, "rho": zero + RHO, **level},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("held", ["after", "before"])
+def test_derivatives_are_those_of_the_simulation_whichever_sample_it_holds(held):
+    flights = [flown(k, held) for k in range(3)]
+    prepared = prepare({f.name: f for f in flights}, flights, AIRCRAFT)
+    assert prepared.simulation.form == "free"
+    for f, own in zip(prepared.flights, flights):
+        expected = CM_ALPHA * own["alpha"] + CM_Q * own["q"] * AIRCRAFT.cbar / (2.0 * V) + CM_DE * own["de"]
+        quiet = np.abs(np.diff(own["de"], prepend=0.0)) == 0.0
+        quiet[:5] = quiet[-5:] = False
+        for k in range(1, 5):  # steps shine into their neighbours
+            quiet[k:] &= np.diff(own["de"], prepend=0.0)[:-k] == 0.0
+            quiet[:-k] &= np.diff(own["de"], prepend=0.0)[k:] == 0.0
+        assert_allclose(f.simulated["Cm"][quiet], expected[quiet], atol=0.004 * np.ptp(expected))
+        assert np.std(f.difference["Cm"]) < 0.04 * np.std(expected)
