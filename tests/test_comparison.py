@@ -11,14 +11,16 @@ from structsel.aircraft import Simulation
 from structsel.comparison.compare import compare
 from structsel.comparison.preparing import prepare
 from structsel.comparison.simulations import open_simulation
+from structsel.comparison.surrogate import identify
 from structsel.comparison.tolerances import biases_of, tolerances_of
+from structsel.diagnosis.extending import as_models
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import log_bayes
 from structsel.errors import DataError, ModelError
 from structsel.recording import Recording
 from tests.models import model_of
-from tests.noisy_flights import AIRCRAFT, DT, TRUTH, T, fly, tried
+from tests.noisy_flights import AIRCRAFT, DT, TRUTH, T, flights_with, fly, tried
 
 LIFT = {"CZ": {"alpha^2": -6.0}}
 
@@ -169,6 +171,21 @@ def test_slopes_of_the_surrogate_are_those_of_the_simulation_although_measuremen
         assert_allclose(f.slope("Cm", "q").mean(), damping, rtol=0.02)
         assert_allclose(f.slope("Cm", "de").mean(), TRUTH["Cm"]["de"], rtol=0.02)
         assert_allclose(f.slope("Cl", "p").mean(), TRUTH["Cl"]["p_hat"] * AIRCRAFT.b / (2.0 * V), rtol=0.01)
+
+
+def test_the_slope_of_a_table_that_bends_is_followed_beside_the_bend():
+    def table(alpha):
+        return np.interp(alpha, [-0.2, 0.06, 0.1, 0.3], [0.0, 0.02, 0.05, 0.35])
+
+    flights = flights_with({}, speeds=(36.0, 45.0, 60.0), h=(1000.0,) * 3)
+    simulated = [{"CX": table(f["alpha"])} for f in flights]
+    stand_in = identify(flights, simulated, ["CX"])
+    for f in flights:
+        exact = (table(f["alpha"] + 1e-6) - table(f["alpha"] - 1e-6)) / 2e-6
+        away = (np.abs(f["alpha"] - 0.06) > 0.02) & (np.abs(f["alpha"] - 0.1) > 0.02)
+        assert np.abs(stand_in.slope(f, "CX", "alpha") - exact)[away].mean() < 0.03
+    (model,) = as_models(stand_in, flights).values()
+    assert_allclose(model.evaluate(flights[0]), stand_in.evaluate(flights[0], "CX"), atol=1e-9)
 
 
 def test_an_airbrake_deflection_is_in_the_surrogate_and_in_the_tolerances(flights_and_truth):

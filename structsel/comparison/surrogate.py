@@ -9,7 +9,7 @@ recorded states.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,11 @@ _SECOND = (
     ("beta", "beta", "beta"), ("beta", "beta", "de"), ("alpha", "alpha", "CT"), ("CT", "CT"),
     ("da", "V"), ("dr", "V"), ("p_hat", "V"), ("dr", "CT"), ("beta", "CT"),
 )  # fmt: skip
+_KNOTS, _TAIL = 7, 0.01
+"""Breakpoints in the angle of attack, at even distances between its quantiles: tables bend near a stall."""
+_BENDS = 0.85  # of the squared error of a polynomial in blocks left out, below which splines follow a bend
+_BLOCK, _FOLDS = 2.0, 6  # s; and parts of the blocks, each left out in turn
+_WITH_KNOT: tuple[tuple[str, ...], ...] = ((), ("beta",))
 _HATS = {"p_hat": "p", "q_hat": "q", "r_hat": "r"}
 _TINY = 1e-9
 _VANES = ("alpha", "beta")
@@ -62,6 +67,10 @@ class Surrogate:
         Of the simulation's variance.
     at_cg : bool
         alpha and beta are those at the centre of gravity, not as read at the vanes.
+    knots : mapping of spline to float [rad]
+        Splines of the angle of attack, ``(alpha - knot)+``, that terms may contain.
+    without_splines : Surrogate, optional
+        The same without splines, where it is another one: stated tolerances are of the terms of a polynomial.
     """
 
     centre: Mapping[str, float]
@@ -71,11 +80,25 @@ class Surrogate:
     constant: Mapping[str, float]
     r2: Mapping[str, float]
     at_cg: bool = False
+    knots: Mapping[str, float] = field(default_factory=dict)
+    without_splines: Surrogate | None = None
 
-    def unit(self, flight: Flight, channel: str) -> Array:
-        """Channel, centred and scaled."""
+    @property
+    def polynomial(self) -> Surrogate:
+        """The stand-in without splines."""
+        return self.without_splines or self
+
+    def channel_of(self, factor: str) -> str:
+        """Channel that a factor of a term depends on."""
+        return "alpha" if factor in self.knots else factor
+
+    def unit(self, flight: Flight, factor: str) -> Array:
+        """Channel, or a spline of it, centred and scaled."""
+        channel = self.channel_of(factor)
         x = flight.at_cg[channel] if self.at_cg and channel in _VANES else flight[channel]
-        return (x - self.centre[channel]) / self.scale[channel]
+        if factor in self.knots:
+            x = np.maximum(x - self.knots[factor], 0.0)
+        return (x - self.centre[factor]) / self.scale[factor]
 
     def column(self, flight: Flight, term: Sequence[str]) -> Array:
         """One term along a flight."""
@@ -105,6 +128,10 @@ class Surrogate:
         return made
 
     def _inner(self, flight: Flight, factor: str, channel: str) -> Array | float | None:
+        if factor in self.knots:
+            inner = self._inner(flight, "alpha", channel)
+            above = (flight.at_cg if self.at_cg else flight)["alpha"] > self.knots[factor]
+            return None if inner is None else np.asarray(inner * above)
         if factor == channel:
             return 1.0
         if self.at_cg and (arm := _arm(flight, factor, channel)):
@@ -185,11 +212,17 @@ def identify(
     together = {c: np.concatenate([f[c] for f in flights]) for c in linear}
     centre = {c: float(x.mean()) for c, x in together.items()}
     scale = {c: float(x.std()) for c, x in together.items()}
-    pool = [(c,) for c in linear] + [s for s in _SECOND if set(s) <= set(linear)]
+    knots = _knots(together["alpha"]) if "alpha" in linear else {}
+    centre |= dict.fromkeys(knots, 0.0)
+    scale |= {name: float(np.maximum(together["alpha"] - knot, 0.0).std()) for name, knot in knots.items()}
+    pool: list[tuple[str, ...]] = [(c,) for c in linear]
+    pool += [s for s in _SECOND if set(s) <= set(linear)]
+    polynomial = len(pool)
+    pool += [(name, name, *others) for others in _WITH_KNOT if set(others) <= set(linear) for name in knots]
     step = max(1, sum(map(len, flights)) // _ENOUGH)
     counts = [len(range(0, len(f), step)) for f in flights]
     ends = np.cumsum(counts)[:-1]
-    bare = Surrogate(centre, scale, {}, {}, {}, {})
+    bare = Surrogate(centre, scale, {}, {}, {}, {}, knots=knots)
     columns = [np.concatenate([bare.column(f, term)[::step] for f in flights]) for term in pool]
     X = np.reshape(columns, (len(pool), sum(counts))).T
     simulated_responses = {c: np.concatenate([s[c][::step] for s in simulated]) for c in responses}
@@ -197,22 +230,42 @@ def identify(
     # The rate of angle of attack is the pitch rate and what CZ makes of it: with it, anything would fit. In trimmed
     # flight airspeed and angle of attack are collinear.
     liking = np.array([_RATE_WORTH if "alpha_dot_hat" in t else _SPEED_WORTH if "V" in t else 1.0 for t in pool])
-    terms, values, constant, r2 = {}, {}, {}, {}
     # An aircraft is nearly symmetric: products that are odd in lateral motion belong to lateral responses.
     odd = np.array([sum(c in _SIDEWAYS for c in term) % 2 == 1 for term in pool])
-    for i, (response, y) in enumerate(simulated_responses.items(), 1 + len(pool)):
-        alike = (
-            (odd == (response in LATERAL_COEFFICIENTS)) if response in COEFFICIENTS else np.ones(len(pool), dtype=bool)
-        )
-        mine = products.of_columns([*range(1 + len(pool)), i])
-        kept, fit = _fit(X, y, mine, ends, np.where(alike, liking, _WRONG_SIDE * liking))
-        left = y - fit[0] - X[:, kept] @ fit[1:]
-        total = float(((y - y.mean()) ** 2).sum())
-        terms[response] = tuple(pool[j] for j in kept)
-        values[response] = fit[1:]
-        constant[response] = float(fit[0])
-        r2[response] = 1.0 - float(left @ left) / total if total > 0.0 else 1.0
-    return replace(bare, terms=terms, values=values, constant=constant, r2=r2, at_cg=at_cg)
+
+    def fitted(count: int) -> Surrogate:
+        """By the first of the pool."""
+        terms, values, constant, r2 = {}, {}, {}, {}
+        for i, (response, y) in enumerate(simulated_responses.items(), 1 + len(pool)):
+            alike = odd == (response in LATERAL_COEFFICIENTS) if response in COEFFICIENTS else np.ones_like(odd)
+            weights = np.where(alike, liking, _WRONG_SIDE * liking)[:count]
+            kept, fit = _fit(X[:, :count], y, products.of_columns([*range(1 + count), i]), ends, weights)
+            left = y - fit[0] - X[:, kept] @ fit[1:]
+            total = float(((y - y.mean()) ** 2).sum())
+            terms[response] = tuple(pool[j] for j in kept)
+            values[response] = fit[1:]
+            constant[response] = float(fit[0])
+            r2[response] = 1.0 - float(left @ left) / total if total > 0.0 else 1.0
+        return replace(bare, terms=terms, values=values, constant=constant, r2=r2, at_cg=at_cg)
+
+    plain, bent = fitted(polynomial), fitted(len(pool))
+    starts = np.concatenate([100_000 * k + f.t[::step] // _BLOCK for k, f in enumerate(flights)])
+    blocks = np.unique(starts, return_inverse=True)[1]
+    place = {term: j for j, term in enumerate(pool)}
+
+    def error(of: Surrogate, response: str) -> float:
+        kept = [place[term] for term in of.terms[response]]
+        return _error_left_out(X[:, kept], simulated_responses[response], ends, blocks)
+
+    bends = [c for c in responses if bent.terms[c] != plain.terms[c] and error(bent, c) < _BENDS * error(plain, c)]
+    if not bends:
+        return plain
+    best = {c: bent if c in bends else plain for c in responses}
+    return replace(
+        plain, terms={c: s.terms[c] for c, s in best.items()}, values={c: s.values[c] for c, s in best.items()},
+        constant={c: s.constant[c] for c, s in best.items()}, r2={c: s.r2[c] for c, s in best.items()},
+        without_splines=plain,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,6 +308,27 @@ def _fit(X: Array, y: Array, products: _Products, ends: NDArray[np.intp], liking
         moving = sum(float(x.var()) * len(x) for x in left) / len(y)
         level = float(np.clip(moving / levels, _LEAST, 1.0)) if levels > 0.0 else 1.0
     return kept, np.asarray(fit, dtype=float)
+
+
+def _knots(alpha: Array) -> dict[str, float]:
+    """Splines of the angle of attack, with their knots."""
+    low, high = np.quantile(alpha, [_TAIL, 1.0 - _TAIL])
+    inside = np.linspace(low, high, _KNOTS + 2)[1:-1]
+    return {
+        f"(alpha - {knot:.4g})+" if knot >= 0.0 else f"(alpha + {-knot:.4g})+": float(f"{knot:.4g}") for knot in inside
+    }
+
+
+def _error_left_out(X: Array, y: Array, ends: NDArray[np.intp], block: NDArray[np.intp]) -> float:
+    """Sum of squared errors in blocks left out, with a constant for each flight: its own level tells nothing."""
+    flight = np.repeat(np.arange(len(ends) + 1), np.diff([0, *ends, len(y)]))
+    columns = np.column_stack([X, flight[:, None] == np.arange(len(ends) + 1)])
+    total = 0.0
+    for fold in range(_FOLDS):
+        out = block % _FOLDS == fold
+        values = np.linalg.lstsq(columns[~out], y[~out])[0]
+        total += float(((y[out] - columns[out] @ values) ** 2).sum())
+    return total
 
 
 def _moves(flights: Sequence[Flight], channel: str) -> bool:

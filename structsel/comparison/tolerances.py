@@ -130,10 +130,11 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             continue
         if first.surrogate is None:
             continue
-        for term, value in zip(first.surrogate.terms[response], first.surrogate.values[response]):
+        polynomial = first.surrogate.polynomial
+        for term, value in zip(polynomial.terms[response], polynomial.values[response]):
             name = "*".join(term)
             key = "main" if (response, name) in MAIN else "secondary"
-            each = [{response: value * f.surrogate.column(f, term)} for f in flights if f.surrogate is not None]
+            each = [{response: value * polynomial.column(f, term)} for f in flights]
             absent = "cross-coupling" if couples(response, term) else "missing-term"
             add(f"{response}: {name}", key, "relative", each, "wrong-derivative", absent=absent)
         rest = [{response: f.simulated[response] - f.surrogate.evaluate(f, response)} for f in flights if f.surrogate]

@@ -157,12 +157,15 @@ def as_models(stand_in: Surrogate, flights: Sequence[Flight]) -> dict[str, Respo
                 texts.append(_RATE)
                 values[0] -= size * stand_in.centre[_RATE]
             else:
-                parts = [(_centred(f, stand_in.centre[f]), term.count(f)) for f in sorted(set(term))]
+                parts = [
+                    (f if f in stand_in.knots else _centred(f, stand_in.centre[f]), term.count(f))
+                    for f in sorted(set(term))
+                ]
                 texts.append("*".join(part + (f"^{n}" if n > 1 else "") for part, n in parts))
             values.append(size)
         region = {
             f: (min(float(x[f].min()) for x in flights), max(float(x[f].max()) for x in flights))
-            for f in sorted({f for t in terms for f in t})
+            for f in sorted({stand_in.channel_of(f) for t in terms for f in t})
         }
         made[c] = ResponseModel(
             tuple(Term.parse(t) for t in texts), np.array(values), method="stand-in of a simulation", ranges=region,

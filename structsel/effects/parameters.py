@@ -156,7 +156,9 @@ def _scaled_response(flights: Flights, response: str, channel: str) -> Variant |
         if s is None or response not in s.terms:
             return np.zeros(len(flight))
         parts = [
-            v * s.column(flight, term) for term, v in zip(s.terms[response], s.values[response]) if channel in term
+            v * s.column(flight, term)
+            for term, v in zip(s.terms[response], s.values[response])
+            if channel in map(s.channel_of, term)
         ]
         return np.sum(parts, axis=0) if parts else np.zeros(len(flight))
 
