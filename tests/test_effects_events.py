@@ -1,9 +1,13 @@
 """Changes in flight: simulated at a known time, found in the difference."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from structsel.diagnosis.scoring import judged_by, score_all
+from structsel.effects.changes import find_changes, together
 from structsel.recording import Recording
 from tests.effect_fits import best, check_all, effect_named
 from tests.noisy_flights import AIRCRAFT, T, flights_with, fly, ready, tried
@@ -36,6 +40,24 @@ def test_a_flap_without_a_channel_is_found_with_its_times():
     assert_allclose([variant.shape["time in m01"], variant.shape["time in m02"]], starts, atol=0.6)
     assert_allclose([theta["lift"], theta["drag"], theta["pitching moment"]], [0.10, 0.02, -0.03], rtol=0.12)
     check_all(flights, CONFIGURATION)
+
+
+def test_a_change_of_the_same_proportions_is_found_beside_a_larger_one():
+    flights = flights_with({}, speeds=(42.0, 46.0, 50.0), h=(1000.0,) * 3)
+    times, added = (9.0, 7.0, 11.0), {"CX": 0.003, "CZ": -0.02, "Cm": 0.004}
+    changed = []
+    for f, at in zip(flights, times):
+        measured = {c: f.measured[c] + size * (at <= T) for c, size in added.items()}
+        changed.append(replace(f, measured={**f.measured, **measured}))
+    last = changed[-1]
+    other = {"CX": 0.02, "CZ": 0.06, "Cm": 0.012}
+    larger = {c: last.measured[c] + size * (T >= 15.0) for c, size in other.items()}
+    changed[-1] = replace(last, measured={**last.measured, **larger})
+    found = find_changes(changed, tuple(added), each=1)
+    assert next(c.start for c in found if c.flight == "m03") == pytest.approx(15.0, abs=0.1)
+    events = together(changed, tuple(added), found, both_signs=False)
+    starts = {c.flight: c.start for c in events[-1][0]}
+    assert [starts[f.name] for f in flights] == pytest.approx(times, abs=0.1)
 
 
 def test_a_flap_that_is_recorded_is_found_as_its_channel():

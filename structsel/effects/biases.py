@@ -40,7 +40,8 @@ def bias_variants(flights: Flights) -> list[Variant]:
             Variant((constant,), wrong_readings(partial(_level, channel=channel)), about=name),
             Variant((drift,), wrong_readings(partial(_drift, channel=channel)), about=f"{name}, drifting"),
         ]
-        several = together(jumps.get(_SHOWS.get(channel, ()), ()), both_signs=False)
+        shown_in = _SHOWS.get(channel, ())
+        several = together(flights, shown_in, jumps.get(shown_in, ()), both_signs=False)
         for times in (*single, *({one.flight: one.start for one in jumped} for jumped, _ in several)):
             errors = partial(_since, channel=channel, times=times)
             shape = shape_of(times)

@@ -19,8 +19,9 @@ _OWN = 0.05  # of a change's variance, that channels must leave unexplained
 _LEAST_DISTANCE = 3.0  # s between two changes of one manoeuvre
 _SINGLE = 3  # most changes of one manoeuvre alone that are tried
 _ALONE = 10  # maximum number of manoeuvres whose single changes are tried
-_TOGETHER = 6  # most manoeuvres with the same change
-_CLEAR = 4.0  # gain in log likelihood from which a manoeuvre joins others in a change
+_ROUNDS = 2  # in which the proportions of a change are those of the first, and then of all that are alike
+_TOGETHER = 8  # most manoeuvres with the same change
+_CLEAR = 1.5  # gain in log likelihood from which a manoeuvre joins others in a change of the same proportions
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +66,8 @@ def find_changes(
     What the simulation's linear terms could explain in the same manoeuvre is allowed for, so that wrong values of
     those are not taken for events.
     """
-    wanted = held(flights, responses)
-    channels = [c for c in dict.fromkeys(c for r in wanted for c in CHANNELS_OF[r]) if moves(flights, c)]
     found = []
-    for f in flights:
-        if not wanted or any(r not in f.measured for r in wanted):
-            continue
-        coarse, fine = (_Sought.of(f, wanted, channels, step) for step in (max(1, round(_BLOCK / f.dt)), 1))
+    for coarse, fine in _searched(flights, responses):
         for duration in durations:
             picked = coarse.best(coarse.starts(duration), duration, each)
             if duration == 0.0:  # what happens at once is known to the sample
@@ -79,6 +75,17 @@ def find_changes(
                 picked = [replace(fine.best(t, 0.0, 1)[0], gain=one.gain) for t, one in zip(near, picked)]
             found += picked
     return sorted(found, key=lambda change: -change.gain)
+
+
+def _searched(flights: Flights, responses: Sequence[str]) -> list[tuple[_Sought, _Sought]]:
+    """Each manoeuvre averaged over blocks, and as it is."""
+    wanted = held(flights, responses)
+    channels = [c for c in dict.fromkeys(c for r in wanted for c in CHANNELS_OF[r]) if moves(flights, c)]
+    there = [f for f in flights if wanted and all(r in f.measured for r in wanted)]
+    return [
+        (_Sought.of(f, wanted, channels, max(1, round(_BLOCK / f.dt))), _Sought.of(f, wanted, channels, 1))
+        for f in there
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,24 +113,47 @@ class _Sought:
         """Times at which a change may begin."""
         return self.t[(self.t > self.t[0] + _EDGE) & (self.t < self.t[-1] - _EDGE - 0.5 * duration)]
 
-    def best(self, starts: Array, duration: float, each: int) -> list[SoughtChange]:
-        """The likeliest changes from some of the starts, at most `each`, apart from each other."""
-        if not len(starts):
-            return []
-        t, y = self.t, self.left
-        S = _centred(np.column_stack([ramp(t, s, duration) for s in starts]))
+    @property
+    def level(self) -> Array:
+        """Rms of each response."""
+        return np.maximum(np.sqrt((self.left**2).mean(axis=0)), 1e-30)
+
+    def _fitted(self, starts: Array, duration: float) -> tuple[Array, Array]:
+        """(s, r) sizes of changes from each start, and (s,) sums of squares of their columns."""
+        S = _centred(np.column_stack([ramp(self.t, s, duration) for s in starts]))
         total = (S**2).sum(axis=0)
         S = S - self.basis @ (self.basis.T @ S)
         # A change that the channels themselves describe cannot be separated from them.
         norm = np.maximum((S**2).sum(axis=0), _OWN * total)
-        size = (S.T @ y) / norm[:, None]
-        fraction = np.clip(size**2 * norm[:, None] / np.maximum((y**2).sum(axis=0), 1e-30), 0.0, 1.0 - 1e-9)
-        gains = -0.5 * (t[-1] - t[0]) / _MEMORY * np.log1p(-fraction).sum(axis=1)
-        level = np.maximum(np.sqrt((y**2).mean(axis=0)), 1e-30)
+        return (S.T @ self.left) / norm[:, None], norm
+
+    def _gains(self, explained: Array) -> Array:
+        """(s,) gains of changes that take (s, r) of the sums of squares of the responses."""
+        fraction = np.minimum(explained / np.maximum((self.left**2).sum(axis=0), 1e-30), 1.0 - 1e-9)
+        return np.asarray(-0.5 * (self.t[-1] - self.t[0]) / _MEMORY * np.log1p(-fraction).sum(axis=1))
+
+    def like(self, step: Array, starts: Array, duration: float) -> SoughtChange | None:
+        """The likeliest change whose responses have the proportions of `step`, (r,) in their units; of either sign."""
+        if not len(starts):
+            return None
+        size, norm = self._fitted(starts, duration)
+        shape = step / self.level
+        factor = (size / self.level) @ shape / float(shape @ shape)
+        along = factor[:, None] * step
+        gains = self._gains(norm[:, None] * along * (2.0 * size - along))
+        k = int(np.argmax(gains))
+        return SoughtChange(self.name, float(starts[k]), duration, float(gains[k]), size[k] / self.level)
+
+    def best(self, starts: Array, duration: float, each: int) -> list[SoughtChange]:
+        """The likeliest changes from some of the starts, at most `each`, apart from each other."""
+        if not len(starts):
+            return []
+        size, norm = self._fitted(starts, duration)
+        gains = self._gains(size**2 * norm[:, None])
         found: list[SoughtChange] = []
         for i in np.argsort(-gains):
             if all(abs(starts[i] - one.start) > _LEAST_DISTANCE for one in found):
-                found.append(SoughtChange(self.name, float(starts[i]), duration, float(gains[i]), size[i] / level))
+                found.append(SoughtChange(self.name, float(starts[i]), duration, float(gains[i]), size[i] / self.level))
             if len(found) == each:
                 break
         return found
@@ -154,31 +184,49 @@ def alone(changes: Sequence[SoughtChange]) -> list[Event]:
     return [((change,), np.ones(1)) for name in names for change in [c for c in changes if c.flight == name][:_SINGLE]]
 
 
-def together(changes: Sequence[SoughtChange], *, both_signs: bool = True) -> list[Event]:
-    """The best of several manoeuvres, two, three and more, with their signs.
+def together(
+    flights: Flights, responses: Sequence[str], changes: Sequence[SoughtChange], *, both_signs: bool = True
+) -> list[Event]:
+    """The clearest change of each duration with those of other manoeuvres that have its proportions.
+
+    The clearest of two, three and more manoeuvres, with their signs. One cause moves the responses in the same
+    proportions in every manoeuvre, where it need not be what changes most.
 
     Parameters
     ----------
+    flights : sequence of Flight
+    responses : sequence of str
     changes : sequence of SoughtChange
-        Best first.
+        Of these responses, best first.
     both_signs : bool
         Whether a change may have opposite signs in two manoeuvres.
     """
+    searched = _searched(flights, responses)
+    levels = {coarse.name: coarse.level for coarse, _ in searched}
     made: list[Event] = []
     for duration in dict.fromkeys(change.duration for change in changes):
-        best: dict[str, SoughtChange] = {}
-        for change in changes:
-            if change.duration == duration and change.gain > _CLEAR:
-                best.setdefault(change.flight, change)
-        first = next(iter(best.values()), None)
-        if first is None:
-            continue
-        alike = [(c, float(np.sign(c.size @ first.size))) for c in best.values()]
-        if not both_signs:
-            alike = [(c, sign) for c, sign in alike if sign > 0.0]
+        first = next(change for change in changes if change.duration == duration)
+        step, alike, signs = first.size * levels[first.flight], [first], {first.flight: 1.0}
+        for _ in range(_ROUNDS):
+            alike = [one for pair in searched if (one := _like(*pair, step, duration)) is not None]
+            signs = {one.flight: float(np.sign(one.size @ (step / levels[one.flight]))) for one in alike}
+            alike = [one for one in alike if one.gain > _CLEAR and (both_signs or signs[one.flight] > 0.0)]
+            if not alike:
+                break
+            # The proportions as all of them have them, each as far as it is clear.
+            step = np.sum([one.gain * signs[one.flight] * one.size * levels[one.flight] for one in alike], axis=0)
+        alike.sort(key=lambda one: -one.gain)
         for n in range(2, min(len(alike), _TOGETHER) + 1):
-            made.append((tuple(c for c, _ in alike[:n]), np.array([sign for _, sign in alike[:n]])))
+            made.append((tuple(alike[:n]), np.array([signs[one.flight] for one in alike[:n]])))
     return made
+
+
+def _like(coarse: _Sought, fine: _Sought, step: Array, duration: float) -> SoughtChange | None:
+    found = coarse.like(step, coarse.starts(duration), duration)
+    if found is None or duration > 0.0:
+        return found
+    exact = fine.like(step, fine.t[np.abs(fine.t - found.start) <= _BLOCK], 0.0)
+    return found if exact is None else replace(exact, gain=found.gain)
 
 
 def added(changes: Sequence[SoughtChange], signs: Array) -> Column:

@@ -67,7 +67,7 @@ def _unrecorded(flights: Flights) -> list[Variant]:
     found = find_changes(flights, LONGITUDINAL_COEFFICIENTS, _DURATIONS)
     return [
         Variant(sizes, _increments(added(one, signs), None, 0.0), _times(one), _seconds(one), _when(one))
-        for one, signs in [*alone(found), *together(found)]
+        for one, signs in [*alone(found), *together(flights, LONGITUDINAL_COEFFICIENTS, found)]
     ]
 
 
@@ -117,7 +117,7 @@ def _releases(flights: Flights) -> list[Variant]:
             _seconds(one),
             f"{_when(one)}, from {place}",
         )
-        for one, _ in [*alone(changes), *together(changes, both_signs=False)]
+        for one, _ in [*alone(changes), *together(flights, COEFFICIENTS, changes, both_signs=False)]
         for place, inertia in _WHERE.items()
     ]
 
