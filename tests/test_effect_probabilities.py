@@ -10,9 +10,9 @@ from scipy.special import softmax
 from statsmodels.discrete.conditional_models import ConditionalLogit
 
 from proof import calibrate
-from structsel.diagnosis import judging, scoring, weighing
+from structsel.diagnosis import judging, scoring, size_evidence, weighing
 from structsel.diagnosis.assembling import Member, explained_fractions
-from structsel.diagnosis.weighing import jackknifed
+from structsel.diagnosis.size_evidence import beyond_form, jackknifed
 from structsel.effects.base import EffectParameter
 from structsel.numerics.evidence import Trial
 
@@ -40,6 +40,28 @@ def scored(with_effect, delivered, kind="atmospheric", input_only=None, unconfir
         input_only=input_only, unconfirmed_weight=unconfirmed_weight,
         hypothesis=SimpleNamespace(log_prior=0.0, kind=kind), trial=SimpleNamespace(at_scales=[delivered]),
     )  # fmt: skip
+
+
+def test_an_effect_no_larger_than_the_form_of_an_identified_simulation_leaves_is_no_evidence(monkeypatch):
+    t = np.linspace(0.0, 10.0, 200)
+    flight = SimpleNamespace(simulated={"CZ": np.sin(t)}, form_error={"CZ": 0.1})
+    effect = SimpleNamespace(responses=("CZ",))
+    problem = SimpleNamespace(flights=[flight], accepted=[effect])
+    for size, expected in ((0.1, 0.5), (0.3, 4.5)):
+        monkeypatch.setattr(size_evidence, "contributions", lambda *_, size=size: [{"CZ": size * np.sin(t)}])
+        assert beyond_form(problem) == pytest.approx(expected)
+    effect.responses = ("CZ", "k_alpha")  # instruments show it as well
+    assert beyond_form(problem) == np.inf
+    flight.form_error, effect.responses = {}, ("CZ",)
+    assert beyond_form(problem) == np.inf
+
+
+def test_of_an_identified_simulation_the_same_evidence_is_worth_less():
+    x = np.zeros(len(weighing.FEATURES))
+    stated, identified = (
+        weighing.CandidateEffect(scored(900.0, 900.0), x, identified=flag).log_odds for flag in (False, True)
+    )
+    assert stated - identified == pytest.approx(weighing.IDENTIFIED)
 
 
 def test_a_mismatch_that_two_effects_explain_alike_is_as_probable_as_with_one():

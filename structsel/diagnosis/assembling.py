@@ -11,12 +11,13 @@ import numpy as np
 from structsel.comparison.locating.region import find_region
 from structsel.comparison.locating.windows import find_intervals
 from structsel.diagnosis import judging
+from structsel.diagnosis.explained import SLIGHT, judged_on
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import TIED, Ranking, Step
 from structsel.diagnosis.residuals import contributions
 from structsel.diagnosis.result import LISTED, UNNAMED, Bars, EffectFinding, Physics
 from structsel.diagnosis.scoring import EffectScore
-from structsel.diagnosis.weighing import SLIGHT, jackknifed, judged_on
+from structsel.diagnosis.size_evidence import jackknifed
 from structsel.effects.base import FittedEffect, ParameterEstimate, Variant
 from structsel.formatting import as_sentence, format_percent, join_names
 from structsel.numerics.arrays import Array
