@@ -1,9 +1,10 @@
 """Short records: how often 95 % intervals contain the truth, and how often a false term is kept.
 
     python benchmarks/short_records.py --runs 100 --selected-runs 50 --out short_records.md
+    python benchmarks/short_records.py --manoeuvres 1 --lengths 500,1000,2000 --seed 6000 --runs 40 --selected-runs 0
 
-Three manoeuvres of 500, 1,500 and 5,000 samples with seven true terms, by residual noise model. With the true terms
-given and after selection among 164 candidates, the intervals are those that `structsel.select` prints.
+By default three manoeuvres of 500, 1,500 and 5,000 samples with seven true terms, by residual noise model. With the
+true terms given and after selection among 164 candidates, the intervals are those that `structsel.select` prints.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from timing import machine, one_blas_thread, publish, say, table
 import structsel as ss
 
 LENGTHS = (500, 1500, 5000)
-MANOEUVRES = 3
 DRAWS = 4  # of the residual for each flight and truth
 
 
@@ -35,11 +35,11 @@ class Run:
     false: int
 
 
-def drawn(noise_model: str, length: int, seed: int, runs: int) -> Iterator[Case]:
+def drawn(noise_model: str, length: int, manoeuvres: int, seed: int, runs: int) -> Iterator[Case]:
     """Cases of several flights, each with several draws of the residual."""
     while runs > 0:
         try:
-            case = recovery_case(noise_model, seed, n=MANOEUVRES * length, n_manoeuvres=MANOEUVRES)
+            case = recovery_case(noise_model, seed, n=manoeuvres * length, n_manoeuvres=manoeuvres)
         except ValueError:  # no seven terms that so short a record can separate
             seed += 1
             continue
@@ -80,19 +80,22 @@ def judge(found: ss.Selection, case: Case) -> Run:
     return Run(len(kept), sum(inside), len(missed), len(false))
 
 
-def runs_of(noise_model: str, length: int, seed: int, runs: int, selected: bool) -> list[Run]:
+def runs_of(noise_model: str, length: int, manoeuvres: int, seed: int, runs: int, selected: bool) -> list[Run]:
     """All runs of a cell."""
     warnings.simplefilter("ignore")
     with one_blas_thread():
-        return [(run_selected if selected else run_given)(case) for case in drawn(noise_model, length, seed, runs)]
+        return [
+            (run_selected if selected else run_given)(case)
+            for case in drawn(noise_model, length, manoeuvres, seed, runs)
+        ]
 
 
-def row(noise_model: str, length: int, runs: list[Run], selected: bool) -> list[object]:
+def row(noise_model: str, length: int, manoeuvres: int, runs: list[Run], selected: bool) -> list[object]:
     """One line of the table."""
     each = np.array([run.covered / run.intervals for run in runs if run.intervals])
     covered = sum(run.covered for run in runs) / max(sum(run.intervals for run in runs), 1)
     error = each.std(ddof=1) / np.sqrt(each.size)
-    cells = [noise_model, f"{MANOEUVRES} x {length}", len(runs), f"{100 * covered:.1f} ± {100 * error:.1f} %"]
+    cells = [noise_model, f"{manoeuvres} x {length}", len(runs), f"{100 * covered:.1f} ± {100 * error:.1f} %"]
     if selected:
         cells += [f"{100 * np.mean([r.false > 0 for r in runs]):.0f} %", f"{np.mean([r.missed for r in runs]):.2f}"]
     return cells
@@ -102,13 +105,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=100, help="with the true terms given")
     parser.add_argument("--selected-runs", type=int, default=50, help="with selection; 0 skips it")
+    parser.add_argument("--manoeuvres", type=int, default=3)
     parser.add_argument("--lengths", default=",".join(map(str, LENGTHS)))
     parser.add_argument("--noise-models", default=";".join((*NOISE_MODELS, SUM_MODEL)))
     parser.add_argument("--seed", type=int, default=5000)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", help="also write the report to this file")
     a = parser.parse_args()
-    cells = [(m, int(n)) for m in a.noise_models.split(";") for n in a.lengths.split(",")]
+    cells = [(m, int(n), a.manoeuvres) for m in a.noise_models.split(";") for n in a.lengths.split(",")]
     parts = ["# Short records", f"Seeds from {a.seed}. {machine()}"]
     for selected, runs in ((False, a.runs), (True, a.selected_runs)):
         if not runs:

@@ -31,6 +31,13 @@ def test_white_and_coloured_rules_are_reported_side_by_side_where_they_disagree(
     assert not any(d.startswith("With white residuals") for d in white.doubts)
 
 
+@pytest.mark.parametrize(("lengths", "warned"), [((500,), True), ((1000,), False), ((500, 500), False)])
+def test_a_single_short_recording_has_intervals_that_are_too_narrow_and_says_so(lengths, warned):
+    flights = fly({"alpha": -1.0, "de": 0.4}, noise=0.02, noise_model="ar1_0.92", lengths=lengths)
+    found = select(flights, "CZ", Candidates.polynomial(["alpha", "de", "q_hat"], 1), bootstrap=0)
+    assert any(d.startswith("One recording of 500 samples") for d in found.doubts) is warned
+
+
 def delayed(recordings, samples):
     """The same recordings with the angle of attack read this many samples late."""
     shifted = [np.concatenate([np.full(samples, r["alpha"][0]), r["alpha"][:-samples]]) for r in recordings]
