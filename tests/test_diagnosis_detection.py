@@ -15,7 +15,7 @@ from structsel.comparison.causal_rows import CausalRows, averaged, evaluated_at_
 from structsel.comparison.preparing import prepare
 from structsel.comparison.sensitivity import misread
 from structsel.comparison.tolerances import Nuisance, _jumped, tolerances_of
-from structsel.diagnosis.detection import SCALE, Detection, detect
+from structsel.diagnosis.detection import SCALE, Detection, _remainder, detect, features
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking, with_detection
@@ -48,6 +48,22 @@ def test_a_missing_quadratic_term_is_detected_in_its_response(bent):
 
 def test_a_correct_simulation_is_not_a_mismatch(correct):
     assert detect(correct, DiagnosisProblem.set_up(correct, ())).probability < 0.05
+
+
+def test_a_moment_that_follows_the_bank_angle_is_detected_as_one_function_among_a_hundred(correct):
+    size = 0.4 * np.std(np.concatenate([f.simulated["Cm"] for f in correct]))
+    bank = [np.abs(f["phi"]) for f in correct]
+    added = size / np.concatenate(bank).std()
+    flights = [
+        replace(f, measured={**f.measured, "Cm": f.measured["Cm"] + added * (x - x.mean())})
+        for f, x in zip(correct, bank)
+    ]
+    found = detect(flights, DiagnosisProblem.set_up(flights, ()))
+    assert found.axes == ("Cm",)
+    assert found.probability > 0.5
+    rows = CausalRows(flights, tolerances_of(flights))
+    inside = [rows.size["Cm"] * x[rows.edge : len(x) - rows.edge] for x in features(flights)]
+    assert _remainder(rows, rows.null(), "Cm", inside, 0.015) < 0.8 * found.remainder["Cm"]
 
 
 def test_control_derivatives_within_tolerance_are_no_mismatch_where_surfaces_step():
