@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.diagnosis.scoring import judged_by, score_all
-from structsel.effects.changes import find_changes, together
+from structsel.effects.changes import ChangeSearch
 from structsel.recording import Recording
 from tests.effect_fits import best, check_all, effect_named
 from tests.noisy_flights import AIRCRAFT, T, flights_with, fly, ready, tried
@@ -53,9 +53,10 @@ def test_a_change_of_the_same_proportions_is_found_beside_a_larger_one():
     other = {"CX": 0.02, "CZ": 0.06, "Cm": 0.012}
     larger = {c: last.measured[c] + size * (T >= 15.0) for c, size in other.items()}
     changed[-1] = replace(last, measured={**last.measured, **larger})
-    found = find_changes(changed, tuple(added), each=1)
+    search = ChangeSearch.of(changed, tuple(added))
+    found = search.find(each=1)
     assert next(c.start for c in found if c.flight == "m03") == pytest.approx(15.0, abs=0.1)
-    events = together(changed, tuple(added), found, both_signs=False)
+    events = search.together(found, both_signs=False)
     starts = {c.flight: c.start for c in events[-1][0]}
     assert [starts[f.name] for f in flights] == pytest.approx(times, abs=0.1)
 

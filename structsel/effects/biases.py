@@ -6,7 +6,7 @@ from functools import partial
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.changes import find_changes, together
+from structsel.effects.changes import ChangeSearch
 from structsel.effects.operators import changes, onsets_in_words, shape_of, since
 from structsel.effects.readings import AIR, ATTITUDE, INERTIAL, Errors, present, wrong_readings
 from structsel.effects.signals import CONTROLS, gathered
@@ -31,7 +31,6 @@ def bias_variants(flights: Flights) -> list[Variant]:
     """Forms of a bias; a constant in each manoeuvre goes free, so far as it shifts a response by a constant."""
     made = []
     single = [dict([change]) for change in changes(flights, flights[0].responses, _CLEAREST)]
-    jumps = {responses: find_changes(flights, responses) for responses in set(_SHOWS.values())}
     for channel in present(flights, (*AIR, *INERTIAL, *ATTITUDE, *CONTROLS)):
         sd, unit, name = _sd(flights, channel), _UNIT[channel], INSTRUMENTS[channel]
         constant = EffectParameter("bias", unit, sd, -10.0 * sd, 10.0 * sd)
@@ -40,8 +39,8 @@ def bias_variants(flights: Flights) -> list[Variant]:
             Variant((constant,), wrong_readings(partial(_level, channel=channel)), about=name),
             Variant((drift,), wrong_readings(partial(_drift, channel=channel)), about=f"{name}, drifting"),
         ]
-        shown_in = _SHOWS.get(channel, ())
-        several = together(flights, shown_in, jumps.get(shown_in, ()), both_signs=False)
+        search = ChangeSearch.of(flights, _SHOWS.get(channel, ()))
+        several = search.together(search.find(), both_signs=False)
         for times in (*single, *({one.flight: one.start for one in jumped} for jumped, _ in several)):
             errors = partial(_since, channel=channel, times=times)
             shape = shape_of(times)

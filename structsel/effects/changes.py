@@ -58,34 +58,75 @@ def ramp(t: Array, start: float, duration: float) -> Array:
     return np.clip((t - start) / duration, 0.0, 1.0)
 
 
-def find_changes(
-    flights: Flights, responses: Sequence[str], durations: Sequence[float] = (0.0,), each: int = 2
-) -> list[SoughtChange]:
-    """Likeliest changes of every manoeuvre, at most `each` per duration, best first.
+@dataclass(frozen=True, eq=False)
+class ChangeSearch:
+    """Manoeuvres in whose differences changes are sought.
 
     What the simulation's linear terms could explain in the same manoeuvre is allowed for, so that wrong values of
     those are not taken for events.
+
+    Attributes
+    ----------
+    manoeuvres : sequence of (_Sought, _Sought)
+        Each averaged over blocks, and as it is.
     """
-    found = []
-    for coarse, fine in _searched(flights, responses):
-        for duration in durations:
-            picked = coarse.best(coarse.starts(duration), duration, each)
-            if duration == 0.0:  # what happens at once is known to the sample
-                near = [fine.t[np.abs(fine.t - one.start) <= _BLOCK] for one in picked]
-                picked = [replace(fine.best(t, 0.0, 1)[0], gain=one.gain) for t, one in zip(near, picked)]
-            found += picked
-    return sorted(found, key=lambda change: -change.gain)
 
+    manoeuvres: Sequence[tuple[_Sought, _Sought]]
 
-def _searched(flights: Flights, responses: Sequence[str]) -> list[tuple[_Sought, _Sought]]:
-    """Each manoeuvre averaged over blocks, and as it is."""
-    wanted = held(flights, responses)
-    channels = [c for c in dict.fromkeys(c for r in wanted for c in CHANNELS_OF[r]) if moves(flights, c)]
-    there = [f for f in flights if wanted and all(r in f.measured for r in wanted)]
-    return [
-        (_Sought.of(f, wanted, channels, max(1, round(_BLOCK / f.dt))), _Sought.of(f, wanted, channels, 1))
-        for f in there
-    ]
+    @classmethod
+    def of(cls, flights: Flights, responses: Sequence[str]) -> ChangeSearch:
+        """In some responses, of the manoeuvres that have all of them."""
+        wanted = held(flights, responses)
+        channels = [c for c in dict.fromkeys(c for r in wanted for c in CHANNELS_OF[r]) if moves(flights, c)]
+        there = [f for f in flights if wanted and all(r in f.measured for r in wanted)]
+        return cls(
+            [
+                (_Sought.of(f, wanted, channels, max(1, round(_BLOCK / f.dt))), _Sought.of(f, wanted, channels, 1))
+                for f in there
+            ]
+        )
+
+    def find(self, durations: Sequence[float] = (0.0,), each: int = 2) -> list[SoughtChange]:
+        """Likeliest changes of every manoeuvre, at most `each` per duration, best first."""
+        found = []
+        for coarse, fine in self.manoeuvres:
+            for duration in durations:
+                picked = coarse.best(coarse.starts(duration), duration, each)
+                if duration == 0.0:  # what happens at once is known to the sample
+                    picked = [replace(fine.best(fine.near(one), 0.0, 1)[0], gain=one.gain) for one in picked]
+                found += picked
+        return sorted(found, key=lambda change: -change.gain)
+
+    def together(self, changes: Sequence[SoughtChange], *, both_signs: bool = True) -> list[Event]:
+        """The clearest change of each duration with those of other manoeuvres that have its proportions.
+
+        The clearest of two, three and more manoeuvres, with their signs. One cause moves the responses in the same
+        proportions in every manoeuvre, where it need not be what changes most.
+
+        Parameters
+        ----------
+        changes : sequence of SoughtChange
+            Found by this search, best first.
+        both_signs : bool
+            Whether a change may have opposite signs in two manoeuvres.
+        """
+        levels = {coarse.name: coarse.level for coarse, _ in self.manoeuvres}
+        made: list[Event] = []
+        for duration in dict.fromkeys(change.duration for change in changes):
+            first = next(change for change in changes if change.duration == duration)
+            step, alike, signs = first.size * levels[first.flight], [first], {first.flight: 1.0}
+            for _ in range(_ROUNDS):
+                alike = [one for pair in self.manoeuvres if (one := _like(*pair, step, duration)) is not None]
+                signs = {one.flight: float(np.sign(one.size @ (step / levels[one.flight]))) for one in alike}
+                alike = [one for one in alike if one.gain > _CLEAR and (both_signs or signs[one.flight] > 0.0)]
+                if not alike:
+                    break
+                # The proportions as all of them have them, each as far as it is clear.
+                step = np.sum([one.gain * signs[one.flight] * one.size * levels[one.flight] for one in alike], axis=0)
+            alike.sort(key=lambda one: -one.gain)
+            for n in range(2, min(len(alike), _TOGETHER) + 1):
+                made.append((tuple(alike[:n]), np.array([signs[one.flight] for one in alike[:n]])))
+        return made
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +153,10 @@ class _Sought:
     def starts(self, duration: float) -> Array:
         """Times at which a change may begin."""
         return self.t[(self.t > self.t[0] + _EDGE) & (self.t < self.t[-1] - _EDGE - 0.5 * duration)]
+
+    def near(self, change: SoughtChange) -> Array:
+        """Times within a block of a change."""
+        return self.t[np.abs(self.t - change.start) <= _BLOCK]
 
     @property
     def level(self) -> Array:
@@ -184,48 +229,11 @@ def alone(changes: Sequence[SoughtChange]) -> list[Event]:
     return [((change,), np.ones(1)) for name in names for change in [c for c in changes if c.flight == name][:_SINGLE]]
 
 
-def together(
-    flights: Flights, responses: Sequence[str], changes: Sequence[SoughtChange], *, both_signs: bool = True
-) -> list[Event]:
-    """The clearest change of each duration with those of other manoeuvres that have its proportions.
-
-    The clearest of two, three and more manoeuvres, with their signs. One cause moves the responses in the same
-    proportions in every manoeuvre, where it need not be what changes most.
-
-    Parameters
-    ----------
-    flights : sequence of Flight
-    responses : sequence of str
-    changes : sequence of SoughtChange
-        Of these responses, best first.
-    both_signs : bool
-        Whether a change may have opposite signs in two manoeuvres.
-    """
-    searched = _searched(flights, responses)
-    levels = {coarse.name: coarse.level for coarse, _ in searched}
-    made: list[Event] = []
-    for duration in dict.fromkeys(change.duration for change in changes):
-        first = next(change for change in changes if change.duration == duration)
-        step, alike, signs = first.size * levels[first.flight], [first], {first.flight: 1.0}
-        for _ in range(_ROUNDS):
-            alike = [one for pair in searched if (one := _like(*pair, step, duration)) is not None]
-            signs = {one.flight: float(np.sign(one.size @ (step / levels[one.flight]))) for one in alike}
-            alike = [one for one in alike if one.gain > _CLEAR and (both_signs or signs[one.flight] > 0.0)]
-            if not alike:
-                break
-            # The proportions as all of them have them, each as far as it is clear.
-            step = np.sum([one.gain * signs[one.flight] * one.size * levels[one.flight] for one in alike], axis=0)
-        alike.sort(key=lambda one: -one.gain)
-        for n in range(2, min(len(alike), _TOGETHER) + 1):
-            made.append((tuple(alike[:n]), np.array([signs[one.flight] for one in alike[:n]])))
-    return made
-
-
 def _like(coarse: _Sought, fine: _Sought, step: Array, duration: float) -> SoughtChange | None:
     found = coarse.like(step, coarse.starts(duration), duration)
     if found is None or duration > 0.0:
         return found
-    exact = fine.like(step, fine.t[np.abs(fine.t - found.start) <= _BLOCK], 0.0)
+    exact = fine.like(step, fine.near(found), 0.0)
     return found if exact is None else replace(exact, gain=found.gain)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.comparison.surrogate import CONFIGURATION
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.changes import SoughtChange, added, alone, find_changes, together
+from structsel.effects.changes import ChangeSearch, SoughtChange, added, alone
 from structsel.effects.ice import ice_says, ice_variants
 from structsel.effects.operators import shape_of
 from structsel.effects.signals import Column, from_lift_and_drag, lacking, lift_line, moves, signature
@@ -64,10 +64,11 @@ def _channel(name: str) -> Column:
 
 def _unrecorded(flights: Flights) -> list[Variant]:
     sizes = _size((0.15, 0.03, 0.04), "-")
-    found = find_changes(flights, LONGITUDINAL_COEFFICIENTS, _DURATIONS)
+    search = ChangeSearch.of(flights, LONGITUDINAL_COEFFICIENTS)
+    found = search.find(_DURATIONS)
     return [
         Variant(sizes, _increments(added(one, signs), None, 0.0), _times(one), _seconds(one), _when(one))
-        for one, signs in [*alone(found), *together(flights, LONGITUDINAL_COEFFICIENTS, found)]
+        for one, signs in [*alone(found), *search.together(found)]
     ]
 
 
@@ -108,7 +109,8 @@ _WHERE = {"near the middle": 0.0, "along the span": 1.2}
 
 
 def _releases(flights: Flights) -> list[Variant]:
-    changes = find_changes(flights, COEFFICIENTS, (0.0,), each=2)
+    search = ChangeSearch.of(flights, COEFFICIENTS)
+    changes = search.find()
     return [
         Variant(
             _RELEASE,
@@ -117,7 +119,7 @@ def _releases(flights: Flights) -> list[Variant]:
             _seconds(one),
             f"{_when(one)}, from {place}",
         )
-        for one, _ in [*alone(changes), *together(flights, COEFFICIENTS, changes, both_signs=False)]
+        for one, _ in [*alone(changes), *search.together(changes, both_signs=False)]
         for place, inertia in _WHERE.items()
     ]
 
