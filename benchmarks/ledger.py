@@ -76,7 +76,7 @@ def entry(folder: Path, key: Mapping[str, Any]) -> dict[str, Any]:
     true = {n for e in key["effects"] for n in e["accept"]} - {"turbulence", "consistent"}
     right = next((s for s in scores if s.effect in true), None)
     other = next((s for s in scores if s.effect not in true), None)
-    seen = detect(problem.flights, problem, prepared.simulation.form == "free")
+    seen = detect(problem.flights, problem)
     known = key.get("log_evidence", key.get("log_likelihood_gain_of_perfect_account"))
     return {
         "case": folder.name,

@@ -297,16 +297,19 @@ class CausalRows:
                 noise = self._filter(left)
         return best
 
-    def single(self, null: Null, response: str, i: int, S: Array, sizes: Array) -> Array:
-        """(columns, sizes) log Bayes factors of single columns in one flight; the noise as it is."""
-        m = self.X[response, i].shape[1]
-        W = self.white(response, i, null.filters[response], S)
-        X, y, s = W[:, :m], W[:, m], W[:, m + 1 :]
-        at = self.place[response, i]
-        cross = s.T @ X
-        z = s.T @ y - cross @ null.mean[at]
-        full = (s**2).sum(axis=0)
-        own = np.maximum(full - np.einsum("ti,ij,tj->t", cross, null.covariance[np.ix_(at, at)], cross), 1e-6 * full)
+    def single(self, null: Null, response: str, columns: Mapping[int, Array], sizes: Array) -> Array:
+        """(columns, sizes) log Bayes factors of single columns, (n, columns) by flight; the noise as it is."""
+        count = next(iter(columns.values())).shape[1]
+        cross, z, full = np.zeros((count, self.q)), np.zeros(count), np.zeros(count)
+        for i, S in columns.items():
+            m = self.X[response, i].shape[1]
+            W = self.white(response, i, null.filters[response], S)
+            s = W[:, m + 1 :]
+            cross[:, self.place[response, i]] += s.T @ W[:, :m]
+            z += s.T @ W[:, m]
+            full += (s**2).sum(axis=0)
+        z -= cross @ null.mean
+        own = np.maximum(full - ((cross @ null.covariance) * cross).sum(axis=1), 1e-6 * full)
         a2 = sizes[None] ** 2
         return np.asarray(0.5 * z[:, None] ** 2 * a2 / (1.0 + a2 * own[:, None]) - 0.5 * np.log1p(a2 * own[:, None]))
 

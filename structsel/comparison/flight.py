@@ -95,6 +95,11 @@ class Flight:
         return name in self.recorded or name in self._derived or (name.endswith("_dot") and name[:-4] in self.recorded)
 
     @property
+    def is_identified(self) -> bool:
+        """Whether the simulation's coefficients were identified from its own flights: their form is not exact."""
+        return bool(self.form_error)
+
+    @property
     def responses(self) -> tuple[str, ...]:
         """Names of the responses, coefficients first."""
         return tuple(self.measured)

@@ -32,7 +32,7 @@ _DELAYS = (0.15, 0.4, 1.0)  # s
 _ORDERS = 4  # cosines over the range of a channel
 _SIZES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0])
 """Sizes of an unknown function of the channels, relative to the rms variation of the simulated response."""
-_FORM, _IDENTIFIED = 0.015, 0.05
+_FORM, _FORM_IDENTIFIED = 0.015, 0.05
 """Sizes within the tolerance `form`: for a simulation that states coefficients, and for one whose coefficients were
 identified from its own flights."""
 _EVENT_SIZES = np.geomspace(0.02, 2.0, 5)  # the same
@@ -142,7 +142,7 @@ class Detection:
         return float(scipy.special.logsumexp([x + np.log(_PRIOR[k]) for k, x in self.parts.items()]))
 
 
-def detect(flights: Sequence[Flight], problem: DiagnosisProblem, identified: bool = False) -> Detection | None:
+def detect(flights: Sequence[Flight], problem: DiagnosisProblem) -> Detection | None:
     """Evidence of any mismatch; None if the flights are not those of an aircraft with coefficients.
 
     Parameters
@@ -150,13 +150,11 @@ def detect(flights: Sequence[Flight], problem: DiagnosisProblem, identified: boo
     flights : sequence of Flight
     problem : DiagnosisProblem
         Of these flights, without effects.
-    identified : bool
-        Whether the coefficients of the simulation were identified from its own flights: their form is not exact.
     """
     if not set(flights[0].simulated) & set(COEFFICIENTS) or not set(AIRFRAME) <= set(flights[0].channels):
         return None
     rows = CausalRows(flights, problem.nuisances)
-    form = _IDENTIFIED if identified else _FORM
+    form = _FORM_IDENTIFIED if flights[0].is_identified else _FORM
     null = rows.null()
     F = features(flights)
     inside = [x[rows.edge : len(x) - rows.edge] for x in F]
@@ -184,26 +182,10 @@ def _unknown_function(
     """
     together = _remainder(rows, null, response, [x * rows.size[response] for x in F], form)
     each = [x * rows.size[response] for x in single]
-    k = _likeliest_column(rows, null, response, each, _SIZES[form < _SIZES])
+    by_itself = rows.single(null, response, dict(enumerate(each)), _SIZES[form < _SIZES])
+    k = int(np.argmax(scipy.special.logsumexp(by_itself, axis=1)))  # the likeliest, with the noise of the null
     alone = _remainder(rows, null, response, [x[:, [k]] for x in each], form) - np.log(each[0].shape[1])
     return float(np.logaddexp(together, alone) - np.log(2.0))
-
-
-def _likeliest_column(rows: CausalRows, null: Null, response: str, F: Sequence[Array], sizes: Array) -> int:
-    """The column (of (n, k) per flight) with the largest evidence by itself, with the noise of the null."""
-    K = F[0].shape[1]
-    power, cross, with_y = np.zeros(K), np.zeros((K, rows.q)), np.zeros(K)
-    for i, G in enumerate(rows.products(response, null.filters[response], F)):
-        at = rows.place[response, i]
-        m = len(at)
-        power += np.diag(G)[m + 1 :]
-        cross[:, at] += G[m + 1 :, :m]
-        with_y += G[m + 1 :, m]
-    explained = np.einsum("ki,ij,kj->k", cross, null.covariance, cross)
-    power = np.maximum(power - explained, 1e-6 * power)[:, None]
-    left, s2 = (with_y - cross @ null.mean)[:, None], sizes**2
-    evidence = 0.5 * left**2 * s2 / (1.0 + s2 * power) - 0.5 * np.log1p(s2 * power)
-    return int(np.argmax(scipy.special.logsumexp(evidence, axis=1)))
 
 
 def _of_unit_size(F: Sequence[Array]) -> list[Array]:
@@ -294,7 +276,7 @@ def _event(rows: CausalRows, null: Null, i: int) -> tuple[float, Event]:
         return 0.0, Event(f.name, float(f.t[0]), 0.0, _SHAPES[0])
     total = np.zeros(len(at))
     for c in rows.responses:
-        each = rows.single(null, c, i, S[rows.edge : len(S) - rows.edge], _EVENT_SIZES * rows.size[c])
+        each = rows.single(null, c, {i: S[rows.edge : len(S) - rows.edge]}, _EVENT_SIZES * rows.size[c])
         one = scipy.special.logsumexp(each, axis=1) - np.log(len(_EVENT_SIZES))
         total += np.logaddexp(0.0, one) - np.log(2.0)
     best = shape[int(np.argmax(total))]

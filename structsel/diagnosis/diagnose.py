@@ -146,7 +146,7 @@ def conclude(
         nonlocal turbulence
         if turbulence is None:
             turbulence = turbulence_without_vanes(flights, residuals(problem), unconfirmed_log_bayes(scores))
-        return None if turbulence is not None else detect(flights, problem, prepared.simulation.form == "free")
+        return None if turbulence is not None else detect(flights, problem)
 
     ranking = rank(problem, library, progress, ask)
     # The regressions take a second, and a complete simulation does not need them.

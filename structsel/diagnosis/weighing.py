@@ -247,7 +247,7 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
             behind(one, [other for other, *_ in kept]),
         )
         max_log_odds = min(np.inf if one.event else agreed(extended), beyond_form(extended)) - _AGREED
-        identified = bool(problem.flights[0].form_error)
+        identified = problem.flights[0].is_identified
         made.append(CandidateEffect(one, np.array(values, dtype=float), max_log_odds, lowers, identified))
     return made
 
