@@ -124,20 +124,22 @@ def segments_of(t: np.ndarray) -> list[slice]:
 
 
 @njit(cache=True)
+def _moved(path, state, step):  # type: ignore[no-untyped-def]
+    """The path with one state above and below its values."""
+    up, down = path.copy(), path.copy()
+    up[:, state] += step[state]
+    down[:, state] -= step[state]
+    return up, down
+
+
+@njit(cache=True)
 def _slope_changes(path, inputs, place, g, active, m, step):  # type: ignore[no-untyped-def]
     """(n, m, L) derivatives of the slopes of the motion with the active states, by central differences."""
     changes = np.empty((path.shape[0], m, active.size))
-    moved = path.copy()
     for j in range(active.size):
-        state = active[j]
-        moved[:, state] = path[:, state] + step[state]
-        up = slopes(moved, inputs, place, g)
-        moved[:, state] = path[:, state] - step[state]
-        down = slopes(moved, inputs, place, g)
-        moved[:, state] = path[:, state]
-        for k in range(path.shape[0]):
-            for i in range(m):
-                changes[k, i, j] = (up[k, active[i]] - down[k, active[i]]) / (2.0 * step[state])
+        up, down = _moved(path, active[j], step)
+        change = slopes(up, inputs, place, g) - slopes(down, inputs, place, g)
+        changes[:, :, j] = change[:, active[:m]] / (2.0 * step[active[j]])
     return changes
 
 
@@ -145,15 +147,10 @@ def _slope_changes(path, inputs, place, g, active, m, step):  # type: ignore[no-
 def _reading_changes(path, inputs, place, flank, active, step):  # type: ignore[no-untyped-def]
     """(n, 12, L) derivatives of the readings with the active states, by central differences."""
     changes = np.empty((path.shape[0], len(MEASUREMENTS), active.size))
-    moved = path.copy()
     for j in range(active.size):
-        state = active[j]
-        moved[:, state] = path[:, state] + step[state]
-        up = readings(moved, inputs, place, flank)
-        moved[:, state] = path[:, state] - step[state]
-        down = readings(moved, inputs, place, flank)
-        moved[:, state] = path[:, state]
-        changes[:, :, j] = (up - down) / (2.0 * step[state])
+        up, down = _moved(path, active[j], step)
+        change = readings(up, inputs, place, flank) - readings(down, inputs, place, flank)
+        changes[:, :, j] = change / (2.0 * step[active[j]])
     return changes
 
 

@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from structsel.formatting import as_sentence
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -68,8 +70,7 @@ class Finding:
             at = f" at sample {self.sample}"
             if self.time is not None:
                 at += f" (t = {self.time:g} s)"
-        remedy = f" {self.remedy[0].upper()}{self.remedy[1:]}." if self.remedy else ""
-        return f"{self.severity}: {self.channel}: {self.message}{at}.{remedy}"
+        return f"{self.severity}: {self.channel}: {self.message}{at}. {as_sentence(self.remedy)}".rstrip()
 
     def to_dict(self) -> dict[str, Any]:
         """Fields by name."""
