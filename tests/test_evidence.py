@@ -5,8 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from structsel.numerics.evidence import Base, Further, NormalEquations, Projector, chi2_of, solve
+from structsel.numerics.evidence import Base, Further, NormalEquations, chi2_of, solve
 from structsel.numerics.fourier_series import spectrum, taper
+from structsel.numerics.projection import Projector
 
 
 @pytest.fixture

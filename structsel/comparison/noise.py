@@ -9,11 +9,12 @@ import numpy as np
 import scipy
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.noise_regressors import helpful_columns, state_functions
+from structsel.comparison.noise_regressors import helpful_columns, state_functions, usual_functions
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.evidence import Further, Projector
+from structsel.numerics.evidence import Further
 from structsel.numerics.fourier_series import fast_length, spectrum
+from structsel.numerics.projection import Projector
 
 HIGHEST = 6.0
 """Frequency [Hz] up to which an aircraft's responses are compared."""
@@ -116,9 +117,15 @@ def estimate_noise(
     edges = np.geomspace(max(lowest, highest / 3000.0), highest, _BANDS)
     log_std = {} if known is None else dict(known.log_std)
     level = {} if known is None else dict(known.level)
+    functions = [state_functions(f) for f in flights]
+    names = list(functions[0])
+    spectra = np.vstack(
+        [spectrum(np.column_stack([*x.values()]), b, edge_of(f))[1:] for f, b, x in zip(flights, bins, functions)]
+    )
 
     def listen(response: str) -> None:
-        left, free = _residual(flights, bins, explained, response, edges, pool.get(response))
+        mine = spectra[:, [names.index(name) for name in usual_functions(names, response)]]
+        left, free = _residual(flights, bins, explained, mine, response, edges, pool.get(response))
         log_std[response] = _smooth_spectrum(flights, bins, left, free, edges)
         usual = Noise(edges, log_std, {(f.name, response): 1.0 for f in flights})
         for f, b, e, each in zip(flights, bins, left, free):
@@ -135,21 +142,23 @@ def _residual(
     flights: Sequence[Flight],
     bins: Sequence[int],
     explained: Sequence[Mapping[str, Array]],
+    usual: Array,
     response: str,
     edges: Array,
     pool: Sequence[Array] | None,
 ) -> tuple[list[Array], list[Array]]:
     """Residual of one response's coefficients, and the degrees of freedom of each.
 
-    `explained` is held to its priors, usual columns are not. Where few coefficients meet many columns, the residual
+    `explained` is held to its priors, `usual` columns are not. Where few coefficients meet many columns, the residual
     shows little of the noise, at low frequencies above all.
     """
     y = np.concatenate([spectrum(f.difference[response], b, edge_of(f))[1:] for f, b in zip(flights, bins)])
-    X = np.vstack([spectrum(state_functions(f, response), b, edge_of(f))[1:] for f, b in zip(flights, bins)])
     Z = np.vstack([e[response][1:] for e in explained])
-    scale = np.sqrt((X**2).mean(axis=0))
-    X = X[:, scale > 0.0] / scale[scale > 0.0]
+    Z = Z[:, Z.any(axis=0)]  # most tolerances act on other responses
+    scale = np.sqrt((usual**2).mean(axis=0))
+    X = usual[:, scale > 0.0] / scale[scale > 0.0]
     further = None if pool is None else np.vstack([p[1:] for p in pool])
+    squares = None if further is None else further**2
     cuts = np.cumsum(bins)[:-1]
     weight = np.full(len(y), 1.0 / max(float(y.std()), 1e-300))
     left, free = y, np.ones(len(y))
@@ -161,9 +170,10 @@ def _residual(
         turned = scipy.linalg.solve_triangular(lower, rows.T, lower=True)
         fit = scipy.linalg.solve_triangular(lower, turned @ (y * weight), lower=True, trans="T")
         left = y - X @ fit[:k] - Z @ fit[k:]
-        free = 1.0 - (turned**2).sum(axis=0)
-        if turn < 2 and further is not None:
-            X = np.column_stack([X, further[:, helpful_columns(rows, y * weight, further, weight)]])
+        free = 1.0 - np.einsum("ij,ij->j", turned, turned)
+        if turn < 2 and further is not None and squares is not None:
+            helpful = helpful_columns((lower, turned), y * weight, further, squares, weight)
+            X = np.column_stack([X, further[:, helpful]])
         held = _smooth_spectrum(flights, bins, np.split(left, cuts), np.split(free, cuts), edges)
         weight = np.concatenate(
             [np.exp(-np.interp(np.log(frequencies(f, b)), np.log(edges), held)) for f, b in zip(flights, bins)]

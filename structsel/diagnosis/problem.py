@@ -77,34 +77,10 @@ class DiagnosisProblem:
             allowed.append(as_spectra(side_by_side([(n.sd, n.columns[i]) for n in nuisances], f), f))
             own.append(as_spectra(side_by_side([(sd, columns) for _, sd, columns in biases_of(f)], f), f))
         pool = _pool(flights, library, flights[0].responses)
-        first = cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups)
-        nuisances, allowed = first._widened()
-        others = first.noise.but_for(flights[0].simulated)  # their tolerances have not changed
+        first = estimate_noise(flights, allowed, flights[0].responses, pool)
+        nuisances, allowed = _widened(flights, nuisances, allowed, first)
+        others = first.but_for(flights[0].simulated)  # their tolerances have not changed
         return cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups, others)
-
-    def _widened(self) -> tuple[list[Nuisance], list[Spectra]]:
-        """Tolerances of the terms of the simulation, widened for noise in the states.
-
-        A simulation that is evaluated at noisy states responds to the noise; the measured response does not. Every
-        derivative then appears too large, by at most the ratio of noise power to simulated power.
-        """
-        made: list[dict[str, Array]] = [dict(a) for a in self.allowed]
-        nuisances = list(self.nuisances)
-        for c in self.flights[0].simulated:
-            noise = sum(float(np.sum(r.weight[c][1:] ** -2)) for r in self.rows)
-            simulated = sum(
-                float(np.sum(spectrum(f.simulated[c], r.bins, edge_of(f))[1:] ** 2))
-                for f, r in zip(self.flights, self.rows)
-            )
-            fraction = min(_LARGEST_WIDENING, noise / simulated) if simulated > 0.0 else 0.0
-            for j, n in enumerate(self.nuisances):
-                if n.unit == "relative" and n.name.startswith(f"{c}: ") and n.sd > 0.0:
-                    nuisances[j] = replace(
-                        n, sd=float(np.hypot(n.sd, fraction)), least=float(np.hypot(n.least, fraction))
-                    )
-                    for a in made:
-                        a[c][:, j] *= nuisances[j].sd / n.sd
-        return nuisances, list(made)
 
     @property
     def judged_responses(self) -> list[str]:
@@ -174,16 +150,14 @@ class DiagnosisProblem:
         """Each flight that is held out, and its whitened rows minus their prediction from the other flights."""
         base = self.base
         return [
-            (self.rows[m], base.y[m] - base.B[m] @ base.solved[g + 1])
-            for g, group in enumerate(base.groups)
-            for m in group
+            (self.rows[m], base.residual(m, base.solved[g + 1])) for g, group in enumerate(base.groups) for m in group
         ]
 
     @cached_property
     def fitted_residuals(self) -> list[tuple[Rows, Array]]:
         """Each flight, and its whitened rows minus their fit to all flights."""
         mean = self.base.posterior.mean
-        return [(r, y - B @ mean) for r, y, B in zip(self.rows, self.base.y, self.base.B)]
+        return [(r, self.base.residual(m, mean)) for m, r in enumerate(self.rows)]
 
     def with_effect(self, signature: Signature) -> DiagnosisProblem:
         """Problem with one more effect, and the same noise."""
@@ -208,7 +182,7 @@ class DiagnosisProblem:
             self,
             nuisances=[self.nuisances[j] for j in free],
             allowed=[{c: x[:, free] for c, x in a.items()} for a in self.allowed],
-            base=Base(self.base.y, [B[:, columns] for B in self.base.given], self.base.groups),
+            base=self.base.select_columns(columns, np.ones((1, len(columns)))),
         )
 
     def subset(self, kept: Sequence[int]) -> DiagnosisProblem:
@@ -240,3 +214,25 @@ def _pool(flights: Sequence[Flight], library: Sequence[Signature], responses: Se
             parts = [[(s.spectra[i], s.width) for s in mine] for i in range(len(flights))]
             made[c] = [join(p, (c,), bins_of(f))[c] for p, f in zip(parts, flights)]
     return made
+
+
+def _widened(
+    flights: Sequence[Flight], nuisances: Sequence[Nuisance], allowed: Sequence[Spectra], noise: Noise
+) -> tuple[list[Nuisance], list[Spectra]]:
+    """Tolerances of the terms of the simulation, widened for noise in the states, and their spectra.
+
+    A simulation that is evaluated at noisy states responds to the noise; the measured response does not. Every
+    derivative then appears too large, by at most the ratio of noise power to simulated power.
+    """
+    made: list[dict[str, Array]] = [dict(a) for a in allowed]
+    wider = list(nuisances)
+    for c in flights[0].simulated:
+        power = sum(float(np.sum(noise.std(f, c, bins_of(f))[1:] ** 2)) for f in flights)
+        simulated = sum(float(np.sum(spectrum(f.simulated[c], bins_of(f), edge_of(f))[1:] ** 2)) for f in flights)
+        fraction = min(_LARGEST_WIDENING, power / simulated) if simulated > 0.0 else 0.0
+        for j, n in enumerate(nuisances):
+            if n.unit == "relative" and n.name.startswith(f"{c}: ") and n.sd > 0.0:
+                wider[j] = replace(n, sd=float(np.hypot(n.sd, fraction)), least=float(np.hypot(n.least, fraction)))
+                for a in made:
+                    a[c][:, j] *= wider[j].sd / n.sd
+    return wider, list(made)

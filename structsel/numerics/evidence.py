@@ -10,41 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy
 
 from structsel.numerics.arrays import Array
-
-
-@dataclass(frozen=True, eq=False)
-class Projector:
-    """Whitening of the rows of one manoeuvre, whose noise includes nuisance parameters P of its own.
-
-    ``I + P P'`` is the covariance of noise and nuisances. Its inverse square root shrinks the directions of P only:
-    `basis` holds these directions, `shrink` the fraction that each loses.
-    """
-
-    basis: Array
-    shrink: Array
-
-    @classmethod
-    def of(cls, P: Array) -> Projector:
-        """Projector of columns scaled by their prior standard deviations, (rows, k)."""
-        if not P.shape[1]:
-            return cls(np.zeros((P.shape[0], 0)), np.zeros(0))
-        U, s, _ = np.linalg.svd(P, full_matrices=False)
-        return cls(U, 1.0 - 1.0 / np.sqrt(1.0 + s**2))
-
-    def __call__(self, X: Array) -> Array:
-        """Whitened rows."""
-        inside = self.basis.T @ X
-        return X - self.basis @ (inside * (self.shrink[:, None] if X.ndim == 2 else self.shrink))
-
-    @property
-    def lost(self) -> Array:
-        """Fraction of the power that each direction of `basis` loses."""
-        return 2.0 * self.shrink - self.shrink**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +43,17 @@ class NormalEquations:
     def of(cls, X: Array, y: Array) -> NormalEquations:
         """Products of the rows of columns (n, k) and y (n,)."""
         return cls(X.T @ X, X.T @ y, float(y @ y), len(y))
+
+    def with_columns(self, cross: Array, more: NormalEquations) -> NormalEquations:
+        """Products with further columns, from their products `cross` (k, j) with the columns and those of their own."""
+        return NormalEquations(
+            np.block([[self.A, cross], [cross.T, more.A]]), np.concatenate([self.b, more.b]), self.c, self.n
+        )
+
+    def select_columns(self, columns: Sequence[int]) -> NormalEquations:
+        """Products of some of the columns, in this order."""
+        at = list(columns)
+        return NormalEquations(self.A[np.ix_(at, at)], self.b[at], self.c, self.n)
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         return NormalEquations(self.A + other.A, self.b + other.b, self.c + other.c, self.n + other.n)
@@ -185,39 +167,96 @@ class Base:
         groups: Sequence[tuple[int, ...]] | None = None,
         scales: Array | None = None,
     ):
-        self.y, self.given = list(y), list(given)
+        products = [NormalEquations.of(X, r) for X, r in zip(given, y)]
+        self._set(y, [(X,) for X in given], groups, scales, products)
+
+    def _set(
+        self,
+        y: Sequence[Array],
+        blocks: Sequence[tuple[Array, ...]],
+        groups: Sequence[tuple[int, ...]] | None,
+        scales: Array | None,
+        products: Sequence[NormalEquations],
+        factors: tuple[Array, Array] | None = None,
+    ) -> None:
+        """Set up with known products of each manoeuvre; columns are in blocks. `factors` are those of `_factorise`."""
+        self.y, self._blocks, self._products = list(y), list(blocks), list(products)
         self.groups = [(m,) for m in range(len(self.y))] if groups is None else list(groups)
-        each = [NormalEquations.of(X, r) for X, r in zip(self.given, self.y)]
-        total = _sum(each)
-        sets = [total, *(total - _sum([each[m] for m in group]) for group in self.groups)]
+        total = _sum(self._products)
         self.scales = np.ones((1, len(total.b))) if scales is None else scales
-        b = self.scales[:, None, :] * np.stack([s.b for s in sets])
-        A = self.scales[:, None, :, None] * np.stack([s.A for s in sets]) * self.scales[:, None, None, :]
-        k = A.shape[-1]
-        factor = np.linalg.cholesky(np.eye(k) + A)
-        self._inverse = np.linalg.inv(factor)
-        self._rotated = (self._inverse @ b[..., None])[..., 0]
-        power = np.stack([s.c for s in sets]) - (self._rotated**2).sum(axis=-1)
-        self.evidence = -0.5 * power - np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum(axis=-1)
+        self._inverse, self._rotated = factors or self._factorise()
+        logs = np.log(np.diagonal(self._inverse, axis1=-2, axis2=-1)).sum(axis=-1)
+        self.evidence = logs - 0.5 * (self._all_and_without([p.c for p in products]) - (self._rotated**2).sum(axis=-1))
         self.chosen = int(np.argmax(self.evidence[:, 0]))
         self.solved = (np.swapaxes(self._inverse[self.chosen], -1, -2) @ self._rotated[self.chosen][..., None])[..., 0]
-        self.posterior = solve(NormalEquations(A[self.chosen, 0], b[self.chosen, 0], total.c, total.n))
+        scale, inverse, mean = self.scales[self.chosen], self._inverse[self.chosen, 0], self.solved[0]
+        chi2 = chi2_of(total, scale * mean)
+        self.posterior = Posterior(mean, inverse.T @ inverse, float(self.evidence[self.chosen, 0]), chi2)
+
+    def _all_and_without(self, each: Sequence[Any] | Array) -> Array:
+        """(1 + m, ...) sums of what each manoeuvre has, of all manoeuvres and without each group."""
+        parts = np.asarray(each)
+        total = parts.sum(axis=0)
+        return np.stack([total, *(total - parts[list(group)].sum(axis=0) for group in self.groups)])
+
+    def _factorise(self) -> tuple[Array, Array]:
+        """Inverse Cholesky factors (t, 1 + m, k, k) of the posterior precision, and the products with y by them."""
+        scales = self.scales[:, None]
+        A = scales[..., None] * self._all_and_without([p.A for p in self._products]) * scales[:, :, None]
+        b = scales * self._all_and_without([p.b for p in self._products])
+        inverse = np.linalg.inv(np.linalg.cholesky(np.eye(A.shape[-1]) + A))
+        return inverse, (inverse @ b[..., None])[..., 0]
+
+    @cached_property
+    def given(self) -> list[Array]:
+        """(rows, k) nuisances per manoeuvre, scaled by their prior standard deviations."""
+        return [blocks[0] if len(blocks) == 1 else np.column_stack(blocks) for blocks in self._blocks]
 
     @cached_property
     def B(self) -> list[Array]:
         """(rows, k) nuisances per manoeuvre, scaled by the most probable factors too."""
         return [X * self.scales[self.chosen] for X in self.given]
 
+    def residual(self, m: int, coefficients: Array) -> Array:
+        """Rows of manoeuvre m minus their prediction by coefficients (k,) of the columns of `B`."""
+        values, first, left = self.scales[self.chosen] * coefficients, 0, self.y[m]
+        for X in self._blocks[m]:
+            left = left - X @ values[first : first + X.shape[1]]
+            first += X.shape[1]
+        return left
+
     def with_columns(self, more: Sequence[Array]) -> Base:
         """Base with further columns (rows, j), whose priors have no factors."""
-        given = [np.column_stack(pair) for pair in zip(self.given, more)]
-        ones = np.ones((len(self.scales), given[0].shape[1] - self.scales.shape[1]))
-        return Base(self.y, given, self.groups, np.column_stack([self.scales, ones]))
+        cross = [np.vstack([X.T @ H for X in blocks]) for blocks, H in zip(self._blocks, more)]
+        own = [NormalEquations.of(H, r) for H, r in zip(more, self.y)]
+        products = [p.with_columns(x, o) for p, x, o in zip(self._products, cross, own)]
+        # The factor is extended by the rows of the further columns: [[L, 0], [V', M]] with V = L^-1 cross.
+        V = self._inverse @ (self.scales[:, None, :, None] * self._all_and_without(cross))
+        turned = np.swapaxes(V, -1, -2)
+        j = V.shape[-1]
+        held = np.linalg.inv(np.linalg.cholesky(np.eye(j) + self._all_and_without([o.A for o in own]) - turned @ V))
+        with_y = self._all_and_without([o.b for o in own]) - (turned @ self._rotated[..., None])[..., 0]
+        inverse = np.zeros((*V.shape[:2], V.shape[2] + j, V.shape[2] + j))
+        inverse[..., :-j, :-j], inverse[..., -j:, -j:] = self._inverse, held
+        inverse[..., -j:, :-j] = -(held @ turned) @ self._inverse
+        rotated = np.concatenate([self._rotated, (held @ with_y[..., None])[..., 0]], axis=-1)
+        scales = np.column_stack([self.scales, np.ones((len(self.scales), j))])
+        blocks = [(*old, H) for old, H in zip(self._blocks, more)]
+        return Base._of(self.y, blocks, self.groups, scales, products, (inverse, rotated))
 
-    def select_columns(self, columns: Sequence[int]) -> Base:
-        """Base with some of the columns, in this order."""
+    def select_columns(self, columns: Sequence[int], scales: Array | None = None) -> Base:
+        """Base with some of the columns, in this order, and with their factors or others."""
         at = list(columns)
-        return Base(self.y, [X[:, at] for X in self.given], self.groups, self.scales[:, at])
+        products = [p.select_columns(at) for p in self._products]
+        blocks = [(X[:, at],) for X in self.given]
+        return Base._of(self.y, blocks, self.groups, self.scales[:, at] if scales is None else scales, products)
+
+    @classmethod
+    def _of(cls, *parts: Any) -> Base:
+        """Base of known products; see `_set`."""
+        made = cls.__new__(cls)
+        made._set(*parts)
+        return made
 
     @cached_property
     def freed(self) -> Array:
@@ -244,13 +283,10 @@ class Base:
     def _evaluate_group(self, sets: Sequence[Sequence[Further]]) -> list[Trial]:
         """Trials of sets with equal numbers of columns, computed together."""
 
-        def all_and_without(parts: Array) -> Array:  # (sets, m, ...) to (1 + m, sets, ...)
-            total = parts.sum(axis=1)
-            return np.stack([total, *(total - parts[:, list(group)].sum(axis=1) for group in self.groups)])
+        def all_and_without(name: str) -> Array:  # (1 + m, sets, ...)
+            return self._all_and_without(np.stack([[getattr(one, name) for one in each] for each in sets], axis=1))
 
-        cross = all_and_without(np.stack([[one.cross for one in each] for each in sets]))
-        own = all_and_without(np.stack([[one.own for one in each] for each in sets]))
-        with_y = all_and_without(np.stack([[one.with_y for one in each] for each in sets]))
+        cross, own, with_y = map(all_and_without, ("cross", "own", "with_y"))
         left, n, k, width = cross.shape
         side_by_side = cross.transpose(0, 2, 1, 3).reshape(left, k, n * width)
         brought, first, inner = [], [], []
