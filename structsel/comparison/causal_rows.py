@@ -32,6 +32,7 @@ _ASKED = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr")
 _TIMED = ("de", "da", "dr", "df", "throttle", "thrust")
 _INPUTS = frozenset((*_TIMED, "gear"))
 _WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
+_BLOCK = 64  # rows that are filtered together
 _RIDGE = 1e-9  # of the mean square of a residual: precision of the coefficients of the autoregression
 _DEGREES = 8.0  # of freedom, of the prior of the variances of single flights about their common value
 
@@ -113,8 +114,16 @@ class Filter:
 
     def __call__(self, x: Array) -> Array:
         """Columns (n, k) or (n,) less what their own past predicts, from sample p on."""
-        made = scipy.signal.lfilter(np.concatenate([[1.0], -self.own]), [1.0], x, axis=0)
-        return np.asarray(made[len(self.own) :])
+        columns = np.ascontiguousarray(x if x.ndim == 2 else x[:, None])
+        p, rows = len(self.own), len(x) - len(self.own)
+        # Blocks of rows are multiplied by a band matrix, which is several times faster than a filter along each column.
+        one = np.concatenate([-self.own[::-1], [1.0], np.zeros(_BLOCK)])
+        band = np.stack([np.roll(one, k)[: _BLOCK + p] for k in range(_BLOCK)])
+        made = np.empty((rows, columns.shape[1]))
+        for first in range(0, rows, _BLOCK):
+            some = min(_BLOCK, rows - first)
+            np.matmul(band[:some, : some + p], columns[first : first + some + p], out=made[first : first + some])
+        return made if x.ndim == 2 else made[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
