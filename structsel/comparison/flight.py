@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.comparison.inertial_air_data import inertial_channels, smooth_channel
+from structsel.comparison.inertial_air_data import inertial_channels, smooth_channels
 from structsel.comparison.responses import KINEMATIC, Rate, respond
 from structsel.errors import DataError
 from structsel.nomenclature import COEFFICIENTS
@@ -237,11 +237,9 @@ def prepare_flight(recording: Recording, aircraft: Aircraft, simulated: Mapping[
         if name in raw:
             raw[name] = np.unwrap(raw[name])
     aerodynamic = [name for name in simulated if name in COEFFICIENTS]
-    smooth: dict[str, Array] = {}
+    smooth = smooth_channels(raw, t)
     air: dict[str, Array] = {}
     inertial: frozenset[str] = frozenset()
-    for name, x in raw.items():
-        smooth[name] = smooth_channel(name, x, t)
     if {"V", "alpha", "ax", "az"} <= set(raw):
         _complete(smooth, raw, aircraft, recording.name)
         air, inertial = inertial_channels(smooth, raw, aircraft, t)

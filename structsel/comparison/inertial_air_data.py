@@ -10,31 +10,33 @@ import scipy
 
 from structsel.aircraft import Aircraft
 from structsel.comparison.responses import KINEMATIC, Rate, predicted_rates
-from structsel.errors import StructselError, StructselWarning
+from structsel.errors import StructselWarning
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.air_data import air_data_at_cg, air_data_at_sensor
 from structsel.numerics.arrays import Array
 from structsel.numerics.signal_quality import estimate_white_noise
-from structsel.numerics.smoothing import smooth_spline
+from structsel.numerics.smoothing import smooth_splines
 
 _AS_THEY_ARE = ("gear", "throttle", "mode")
 _SHARP = ("de", "da", "dr", "df", "thrust")
 _SLOW = 0.05  # Hz
 
 
-def smooth_channel(name: str, x: Array, t: Array) -> Array:
-    """Channel by a smoothing spline; constants, steps and controls keep their corners."""
-    if name in _AS_THEY_ARE or np.ptp(x) == 0.0 or len(np.unique(x)) < 0.1 * len(x):
-        return x
-    if name in _SHARP:
-        return x - estimate_white_noise(x)  # a smoother would round what jumps
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StructselWarning)  # what it doubts, the comparison's noise will hold
-            made = smooth_spline(x, t, order=3)
-    except StructselError:
-        return x
-    return np.array(made.values)
+def smooth_channels(channels: Mapping[str, Array], t: Array) -> dict[str, Array]:
+    """Channels by smoothing splines; constants, steps and controls keep their corners."""
+    made = dict(channels)
+    moving = {
+        name: x
+        for name, x in channels.items()
+        if name not in _AS_THEY_ARE and np.ptp(x) != 0.0 and len(np.unique(x)) >= 0.1 * len(x)
+    }
+    # A smoother would round what jumps.
+    made |= {name: x - estimate_white_noise(x) for name, x in moving.items() if name in _SHARP}
+    splined = [name for name in moving if name not in _SHARP]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StructselWarning)  # what it doubts, the comparison's noise will hold
+        made |= zip(splined, (np.array(s.values) for s in smooth_splines([moving[c] for c in splined], t, order=3)))
+    return made
 
 
 def inertial_channels(
@@ -61,17 +63,16 @@ def inertial_channels(
     force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, aircraft.position("accelerometer"))
     predicted = predicted_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
     read = {**dict(zip(("V", "alpha", "beta"), air)), **{c: ch[c] for c in ("phi", "theta", "psi")}}
-    with_gusts, made, inertial = {}, {}, set()
-    for name, x in read.items():
-        if name not in raw or not np.ptp(raw[name]) or not set(KINEMATIC[f"k_{name}"]) <= set(raw):
-            with_gusts[name] = made[name] = dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name])
-            continue
-        ahead = scipy.integrate.cumulative_simpson(predicted[name], x=t, initial=0.0)
-        slow, rest = _drift(x - ahead, t), smooth_channel(name, x - ahead, t)
-        if np.std(rest - slow) < np.std(x - _drift(x, t)):
+    with_gusts = {name: dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name]) for name in read}
+    made, inertial = dict(with_gusts), set()
+    usable = [c for c in read if c in raw and np.ptp(raw[c]) and set(KINEMATIC[f"k_{c}"]) <= set(raw)]
+    ahead = {c: scipy.integrate.cumulative_simpson(predicted[c], x=t, initial=0.0) for c in usable}
+    for name, rest in smooth_channels({c: read[c] - ahead[c] for c in usable}, t).items():
+        slow = _drift(read[name] - ahead[name], t)
+        if np.std(rest - slow) < np.std(read[name] - _drift(read[name], t)):
             inertial.add(name)
-        with_gusts[name] = ahead + rest
-        made[name] = ahead + (slow if name in inertial else rest)
+        with_gusts[name] = ahead[name] + rest
+        made[name] = ahead[name] + (slow if name in inertial else rest)
     # With the gyros' noise, a long arm would give the angles' rates the noise of the moments.
     still = (smooth["p"], smooth["q"], smooth["r"])
     air_data = ("V", "alpha", "beta")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -180,22 +182,29 @@ def estimate_white_noise(x: Array) -> Array:
     if not len(steps) or np.mean(steps != 0.0) < 0.5:
         return np.zeros(len(x))
     sd = noise_std_from_differences(steps[steps != 0.0])
-    one = np.zeros(2 * len(x) + 1)
-    one[len(x)] = 1.0
     noise = np.zeros(len(x))
-    above, of_one, width = np.asarray(x, dtype=float), one, _NARROWEST
-    while width < _WIDEST * len(x):
-        below, passed = (
-            scipy.ndimage.gaussian_filter1d(x, width, mode="nearest"),
-            scipy.ndimage.gaussian_filter1d(one, width),
-        )
-        band = above - below
-        expected = sd**2 * float(((of_one - passed) ** 2).sum())
+    above = np.asarray(x, dtype=float)
+    for width, of_one in _bands(len(x)):
+        below = scipy.ndimage.gaussian_filter1d(x, width, mode="nearest")
+        band, expected = above - below, sd**2 * of_one
         power = scipy.ndimage.gaussian_filter1d(band**2, _AROUND * width, mode="nearest")
         fraction = np.minimum(1.0, _MODEST * expected / np.maximum(power, 1e-300)) ** 2
         noise += fraction * band
-        above, of_one, width = below, passed, _WIDER * width
+        above = below
     return noise
+
+
+@lru_cache(maxsize=64)
+def _bands(n: int) -> tuple[tuple[float, float], ...]:
+    """Width of each smoother [samples], and the power in its band of one sample of a signal of n samples."""
+    above = np.zeros(2 * n + 1)
+    above[n] = 1.0
+    one, made, width = above, [], _NARROWEST
+    while width < _WIDEST * n:
+        below = scipy.ndimage.gaussian_filter1d(one, width)
+        made.append((width, float(((above - below) ** 2).sum())))
+        above, width = below, _WIDER * width
+    return tuple(made)
 
 
 def find_spikes(x: np.ndarray, *, threshold: float = 5.0, longest: int = 3) -> tuple[NDArray[np.intp], Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from math import factorial
 
@@ -127,12 +128,43 @@ def smooth_spline(
             f"smooth_spline needs at least {_SPLINE_SAMPLES} finite samples on an increasing clock of as many; there "
             f"are {finite.size} of {values.size}, on {clock.size} times.\nUse a longer segment."
         )
+    y = np.where(np.isfinite(values), values - values[finite].mean(), np.nan)
+    models = [_SplineModel(step, m) for m in (ORDERS if order is None else (order,))]
+    fits = [_SplineFit(y, model, cutoff) for model in models]
+    return _as_signal(values, min(fits, key=lambda fit: fit.misfit) if order is None else fits[0])
+
+
+def smooth_splines(channels: Sequence[Array], t: Array, *, order: int) -> list[SmoothedSignal]:
+    """Smoothing splines of several channels of one clock, each as by `smooth_spline`, in less time.
+
+    Parameters
+    ----------
+    channels : sequence of (n,) array
+        Finite, of at least 12 samples.
+    t : (n,) array [s]
+        Strictly increasing.
+    order : {2, 3, 4}
+    """
+    if not channels:
+        return []
+    centred, model = [x - x.mean() for x in channels], _SplineModel(np.diff(t), order)
+    y = np.column_stack(centred)
+    likeliest = np.argmin(model.profiles(y, _least(y)), axis=0)
+    return [_as_signal(x, _SplineFit(z, model, near=int(k))) for x, z, k in zip(channels, centred, likeliest)]
+
+
+def _least(y: Array) -> Array:
+    """Least residual sum of squares (c,) of channels (n, c): a perfect fit leaves the rounding of the samples."""
+    count = np.isfinite(y[:, 0]).sum()
+    return np.asarray(count * (np.finfo(float).eps * np.nanmax(np.abs(y), axis=0)) ** 2 + np.finfo(float).tiny)
+
+
+def _as_signal(values: Array, best: _SplineFit) -> SmoothedSignal:
+    """The channel smoothed by a fit."""
+    finite = np.flatnonzero(np.isfinite(values))
     centre = float(values[finite].mean())
-    y = np.where(np.isfinite(values), values - centre, np.nan)
-    fits = [_SplineFit(y, step, m, cutoff) for m in (ORDERS if order is None else (order,))]
-    best = min(fits, key=lambda fit: fit.misfit) if order is None else fits[0]
     states, stds = best.solve()
-    residual = (y - states[:, 0])[finite]
+    residual = (best.y - states[:, 0])[finite]
     if residual.std() > _FAINT * values[finite].std():
         _look_for_a_line(residual)
     unknown = np.full(values.size, np.nan)
@@ -149,8 +181,60 @@ def smooth_spline(
     )
 
 
+class _SplineModel:
+    """Splines of one order on one clock, whatever their samples.
+
+    Attributes
+    ----------
+    grid : (g,) array
+        Logarithms of the cut-offs that are tried before the search is refined.
+    """
+
+    def __init__(self, step: Array, m: int):
+        self.step, self.m = step, m
+        i, j = np.indices((m, m))
+        exponent = 2 * m - 1 - i - j
+        powers = np.array([factorial(m - 1 - k) for k in range(m)], dtype=float)
+        inverse = np.linalg.inv(np.linalg.cholesky(1.0 / (exponent * np.outer(powers, powers))))
+        transition = np.array([[1.0 / factorial(b - a) if b >= a else 0.0 for b in range(m)] for a in range(m)])
+        self.factors = inverse, inverse @ transition
+        self.dt = float(np.median(step))
+        self.grid = np.linspace(np.log(0.1 / step.sum()), np.log(5.0 / self.dt), _SPLINE_CUTOFFS)
+
+    def _drive(self, log_cutoff: float) -> float:
+        # White noise of variance s^2 has density s^2 dt, and x^(m) of intensity q gives x q / w^2m: equal at cut-off.
+        return float(np.sqrt((2.0 * np.pi * np.exp(log_cutoff)) ** (2 * self.m) * self.dt))
+
+    def sweep(self, y: Array, least: Array, log_cutoff: float, rows: Array | None = None) -> tuple[Array, float]:
+        """Residual sums of squares (c,) of channels (n, c), at least those of `_least`, and log-determinant.
+
+        The triangular rows of one channel are stored if there is storage for them.
+        """
+        keep, store = rows is not None, np.empty((1, 1, 1)) if rows is None else rows
+        rss, logdet = forward_sweep(self.step, y, self._drive(log_cutoff), *self.factors, store, keep)
+        return np.maximum(rss, least), logdet
+
+    def profiles(self, y: Array, least: Array, log_cutoffs: Sequence[float] | None = None) -> Array:
+        """-2 log likelihood (g, c), up to a constant, at cut-offs, by default those of the grid.
+
+        With the most likely noise variance of each channel.
+        """
+        free = int(np.isfinite(y[:, 0]).sum()) - self.m
+        swept = [self.sweep(y, least, x) for x in (self.grid if log_cutoffs is None else log_cutoffs)]
+        return np.stack([free * np.log(rss / free) + 2.0 * logdet for rss, logdet in swept])
+
+
 class _SplineFit:
     """The spline of one order at its most likely cut-off.
+
+    Parameters
+    ----------
+    y : (n,) array
+        Samples about their mean.
+    model : _SplineModel
+    cutoff : float, optional [Hz]
+    near : int, optional
+        The most likely cut-off of the grid, if it is known.
 
     Attributes
     ----------
@@ -161,78 +245,50 @@ class _SplineFit:
         -2 log likelihood at that cut-off, up to a constant.
     """
 
-    def __init__(self, y: Array, step: Array, m: int, cutoff: float | None = None):
-        self.y, self.step, self.m = y, step, m
-        i, j = np.indices((m, m))
-        exponent = 2 * m - 1 - i - j
-        powers = np.array([factorial(m - 1 - k) for k in range(m)], dtype=float)
-        inverse = np.linalg.inv(np.linalg.cholesky(1.0 / (exponent * np.outer(powers, powers))))
-        transition = np.array([[1.0 / factorial(b - a) if b >= a else 0.0 for b in range(m)] for a in range(m)])
-        self.factors = inverse, inverse @ transition
+    def __init__(self, y: Array, model: _SplineModel, cutoff: float | None = None, near: int | None = None):
+        self.y, self.model, self.m = y, model, model.m
         self.count = int(np.isfinite(y).sum())
-        # Rounding of the samples: the least noise of a perfect fit.
-        self.least = self.count * (np.finfo(float).eps * float(np.nanmax(np.abs(y)))) ** 2 + np.finfo(float).tiny
-        self.dt = float(np.median(step))
+        self.column = np.ascontiguousarray(y)[:, None]
+        self.least = _least(self.column)
+        self.rows = None if cutoff is None else self._empty_rows()  # of the only fit there is
         if cutoff is None:
-            lowest, highest = np.log(0.1 / step.sum()), np.log(5.0 / self.dt)
-            grid = np.linspace(lowest, highest, _SPLINE_CUTOFFS)
-            k = int(np.argmin([self._profile(g) for g in grid]))
+            grid = model.grid
+            k = int(np.argmin(model.profiles(self.column, self.least)[:, 0])) if near is None else near
             bounds = grid[max(k - 1, 0)], grid[min(k + 1, _SPLINE_CUTOFFS - 1)]
-            cutoff = float(
-                np.exp(
-                    scipy.optimize.minimize_scalar(
-                        self._profile, bounds=bounds, method="bounded", options={"xatol": 0.01}
-                    ).x
-                )
-            )
-            self.rows = None
-        else:
-            self.rows = self._empty_rows()  # of the only fit there is
+            found = scipy.optimize.minimize_scalar(
+                lambda g: float(model.profiles(self.column, self.least, [g])[0, 0]), bounds=bounds, method="bounded",
+                options={"xatol": 0.01},
+            )  # fmt: skip
+            cutoff = float(np.exp(found.x))
         self.cutoff = cutoff
-        rss, logdet = self._sweep(y, step, float(np.log(cutoff)), self.rows)
-        free = self.count - m
+        (rss,), logdet = model.sweep(self.column, self.least, float(np.log(cutoff)), self.rows)
+        free = self.count - self.m
         self.profile = float(free * np.log(rss / free) + 2.0 * logdet)
-        self.variance = rss / free
+        self.variance = float(rss) / free
 
     @property
     def misfit(self) -> float:
         """-2 log likelihood of the samples given four of them, which makes orders comparable."""
         return self.profile + (self.count - self.m) - self._likelihood_of_four()
 
-    def _drive(self, log_cutoff: float) -> float:
-        # White noise of variance s^2 has density s^2 dt, and x^(m) of intensity q gives x q / w^2m: equal at cut-off.
-        return float(np.sqrt((2.0 * np.pi * np.exp(log_cutoff)) ** (2 * self.m) * self.dt))
-
     def _empty_rows(self) -> Array:
         """Storage for the triangular rows of every state."""
         return np.empty((self.y.size, self.m, 2 * self.m + 1))
-
-    def _sweep(self, y: Array, step: Array, log_cutoff: float, rows: Array | None = None) -> tuple[float, float]:
-        """Residual sum of squares and log-determinant; the triangular rows are stored if there is storage for them."""
-        keep, store = rows is not None, np.empty((1, 1, 1)) if rows is None else rows
-        rss, logdet = forward_sweep(step, y, self._drive(log_cutoff), *self.factors, store, keep)
-        return max(rss, self.least), logdet
-
-    def _profile(self, log_cutoff: float) -> float:
-        """-2 log likelihood, up to a constant, with the most likely noise variance."""
-        rss, logdet = self._sweep(self.y, self.step, log_cutoff)
-        free = self.count - self.m
-        return free * np.log(rss / free) + 2.0 * logdet
 
     def _likelihood_of_four(self) -> float:
         """-2 log likelihood of four samples over the complete record; a spline of order 4 passes through them."""
         there = np.flatnonzero(np.isfinite(self.y))
         kept = there[np.linspace(0, there.size - 1, max(ORDERS)).round().astype(int)]
-        alone = np.full(self.y.size, np.nan)
-        alone[kept] = self.y[kept]
-        rss, logdet = self._sweep(alone, self.step, float(np.log(self.cutoff)))
-        return rss / self.variance + 2.0 * logdet + (max(ORDERS) - self.m) * np.log(self.variance)
+        alone = np.full((self.y.size, 1), np.nan)
+        alone[kept, 0] = self.y[kept]
+        (rss,), logdet = self.model.sweep(alone, self.least, float(np.log(self.cutoff)))
+        return float(rss) / self.variance + 2.0 * logdet + (max(ORDERS) - self.m) * np.log(self.variance)
 
     def solve(self) -> tuple[Array, Array]:
         """States (n, m) and their standard deviations."""
         if self.rows is None:
             self.rows = self._empty_rows()
-            self._sweep(self.y, self.step, float(np.log(self.cutoff)), self.rows)
+            self.model.sweep(self.column, self.least, float(np.log(self.cutoff)), self.rows)
         states, variances = np.empty((2, self.y.size, self.m))
         backward_sweep(self.rows, states, variances)
         return states, np.sqrt(variances * self.variance)

@@ -33,58 +33,60 @@ def forward_sweep(step, y, drive, L, LF, store, keep):
     Parameters
     ----------
     step : (n - 1,) array [s]
-    y : (n,) array
-        NaN where a sample is missing.
+    y : (n, c) array
+        One or several channels; NaN where a sample is missing, of all or of none.
     drive : float
         Square root of the intensity of the white noise in x^(m), over the measurement noise.
     L, LF : (m, m) arrays
         Inverse Cholesky factor of the step's covariance, and it times the transition, for a step of one second.
     store : (n, m, 2 m + 1) array
-        Receives the triangular rows [U, V, c] of each state, U s_k + V s_{k+1} = c, where `keep`.
+        Receives the triangular rows [U, V, c] of each state, U s_k + V s_{k+1} = c, where `keep`; of one channel.
 
     Returns
     -------
-    rss : float
-        Residual sum of squares, noise units squared times the noise variance.
+    rss : (c,) array
+        Residual sums of squares, noise units squared times the noise variance.
     logdet : float
         log |det| of the complete triangle minus that of the factors of the step rows.
     """
     m = L.shape[0]
-    n = y.size
+    n, channels = y.shape
     width = 2 * m + 1
-    rows = np.zeros((width, width))
-    with_turn = np.zeros((width, width + m + 1))
-    turn = with_turn[:, width:]
-    carried = np.zeros((m, m + 1))
-    rss, logdet, logs, even = 0.0, 0.0, 0.0, 0.0
+    rows = np.zeros((width, 2 * m + channels))
+    with_turn = np.zeros((width, width + m))
+    turn = with_turn[:, 2 * m :]
+    carried = np.zeros((m, m + channels))
+    rss = np.zeros(channels)
+    logdet, logs, even = 0.0, 0.0, 0.0
     for k in range(n):
         last = k == n - 1
-        there = not np.isnan(y[k])
+        there = not np.isnan(y[k, 0])
         if there and not last and abs(step[k] - even) < _EVEN * even:
             # The triangle has converged: only the right-hand sides change.
-            for i in range(0 if keep else m, width):
-                total = turn[i, m] * y[k]
-                for j in range(m):
-                    total += turn[i, j] * carried[j, m]
-                rows[i, 2 * m] = total
-            rss += rows[2 * m, 2 * m] ** 2
-            for i in range(m):
-                carried[i, m] = rows[m + i, 2 * m]
+            for c in range(channels):
+                for i in range(0 if keep else m, width):
+                    total = turn[i, m] * y[k, c]
+                    for j in range(m):
+                        total += turn[i, j] * carried[j, m + c]
+                    rows[i, 2 * m + c] = total
+                rss[c] += rows[2 * m, 2 * m + c] ** 2
+                for i in range(m):
+                    carried[i, m + c] = rows[m + i, 2 * m + c]
             logdet += logs
             if keep:
                 store[k] = rows[:m]
             continue
         logs = _fill(rows, carried, step, k, drive, L, LF)
+        rows[:m, 2 * m :] = carried[:, m:]
         if there:
             rows[m, 0] = 1.0
-            rows[m, 2 * m] = y[k]
+            rows[m, 2 * m :] = y[k]
         for j in range(m if last else 2 * m):
             _reflect(rows, j, m)
         for i in range(m):
             logs += np.log(abs(rows[i, i]))
         even = step[k] if there and not last and _converged(rows[m : 2 * m, m : 2 * m], carried) else 0.0
         if even > 0.0:
-            with_turn[:] = 0.0
             _fill(with_turn, carried, step, k, drive, L, LF)
             with_turn[m, 0] = 1.0
             for i in range(m + 1):
@@ -96,13 +98,14 @@ def forward_sweep(step, y, drive, L, LF, store, keep):
             store[k] = rows[:m]
         if last:
             for i in range(m, width):
-                rss += rows[i, 2 * m] ** 2
+                for c in range(channels):
+                    rss[c] += rows[i, 2 * m + c] ** 2
         else:
-            rss += rows[2 * m, 2 * m] ** 2
+            for c in range(channels):
+                rss[c] += rows[2 * m, 2 * m + c] ** 2
             for i in range(m):
-                for j in range(i, m):
+                for j in range(i, m + channels):
                     carried[i, j] = rows[m + i, m + j]
-                carried[i, m] = rows[m + i, 2 * m]
     return rss, logdet
 
 
@@ -112,7 +115,6 @@ def _fill(rows, carried, step, k, drive, L, LF):
     m = L.shape[0]
     rows[:] = 0.0
     rows[:m, :m] = carried[:, :m]
-    rows[:m, 2 * m] = carried[:, m]
     logs = 0.0
     if k < step.size:
         for j in range(m):
