@@ -46,7 +46,7 @@ def test_an_effect_that_leaves_much_of_its_own_responses_has_a_warning_and_one_t
     flights = flights_with({"Cl": {"da^3": -20.0}})
 
     def found(*effects):
-        return make_findings(rank(*tried(flights, *effects)), {})[0]
+        return make_findings(rank(*tried(flights, *effects)), lambda axes: {})[0]
 
     alone = found("wrong-derivative")
     assert alone.ambiguous_with == ("unknown",)
@@ -58,7 +58,7 @@ def test_an_effect_that_leaves_much_of_its_own_responses_has_a_warning_and_one_t
     ranking = rank(*tried(flights, "wrong-derivative"))
     (step,) = ranking.steps
     seen = make_findings(
-        replace(ranking, steps=(replace(step, alternatives=(*step.alternatives, ("unknown", 0.9))),)), {}
+        replace(ranking, steps=(replace(step, alternatives=(*step.alternatives, ("unknown", 0.9))),)), lambda axes: {}
     )[0]
     assert seen.ambiguous_with == ("unknown",)
     assert [one.effect for one in seen.physics].count("unknown") == 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -162,8 +162,15 @@ def implausible(variant: Variant, found: Mapping[str, ParameterEstimate]) -> str
     return "; ".join(said)
 
 
-def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[EffectFinding]:
-    """Findings, the largest fraction of the mismatch first; fits are cumulative in that order."""
+def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping[str, float]]) -> list[EffectFinding]:
+    """Findings, the largest fraction of the mismatch first; fits are cumulative in that order.
+
+    Parameters
+    ----------
+    ranking : Ranking
+    ceiling : callable
+        Some responses to the fraction of the mismatch of each that a regression model predicts.
+    """
     problem = ranking.problem
     members = gather(ranking)
     if not members:
@@ -210,13 +217,14 @@ def make_findings(ranking: Ranking, explainable: Mapping[str, float]) -> list[Ef
                 ties,
                 to_separate,
                 bars,
-                _mean(explainable, axes),
+                float("nan"),
                 judging.explained(delivered, after, axes),
                 carried[i] / total if total > 0.0 else 1.0,
             )
         )
         before = with_it
-    return made
+    explainable = ceiling({c for finding in made for c in finding.axes})
+    return [replace(finding, explainable=_mean(explainable, finding.axes)) for finding in made]
 
 
 def _axes(gained: Mapping[str, float], problem: DiagnosisProblem, member: Member) -> tuple[str, ...]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -149,11 +148,15 @@ def conclude(
         return None if turbulence is not None else detect(flights, problem)
 
     ranking = rank(problem, library, progress, ask)
-    # The regressions take a second, and a complete simulation does not need them.
-    ceiling = cache(lambda: explainable(flights, [{c: f.difference[c] for c in responses} for f in flights]))
+
+    def ceiling(axes: Collection[str]) -> dict[str, float]:
+        """Fraction of the mismatch that a regression model predicts, of those of the responses that are judged."""
+        wanted = [c for c in responses if c in axes]
+        return explainable(flights, [f.difference for f in flights], wanted) if wanted else {}
+
     traces = traces_of(ranking)
     left = residuals(ranking.problem)
-    findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling() if ranking.steps else {})]
+    findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling)]
     if turbulence is None:
         findings += find_unknown(ranking, left, responses, ceiling)
         if not findings:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -21,7 +21,7 @@ def find_unknown(
     ranking: Ranking,
     left: Sequence[Mapping[str, Array]],
     responses: Sequence[str],
-    ceiling: Callable[[], Mapping[str, float]],
+    ceiling: Callable[[Collection[str]], Mapping[str, float]],
 ) -> list[EffectFinding]:
     """Repeatable mismatch that no effect in the library explains, if there is one.
 
@@ -33,7 +33,7 @@ def find_unknown(
     responses : sequence of str
         Responses by which effects are judged.
     ceiling : callable
-        Returns, by response, the fraction of the complete mismatch that a regression model predicts.
+        Some responses to the fraction of the mismatch of each that a regression model predicts.
     """
     problem = ranking.problem
     got, delivered = judging.measured(problem), judging.as_given(problem)
@@ -57,7 +57,7 @@ def find_unknown(
         "A repeatable mismatch remains that no effect in the library explains: a regression model predicts "
         f"{listed} on recordings that were held out."
     )
-    mean = float(np.mean([ceiling()[c] for c in axes]))
+    mean = float(np.mean(list(ceiling(axes).values())))
     physics = Physics(UNNAMED, float(np.clip(np.mean([fraction[c] for c in axes]), 0.0, 1.0)), says)
     return [EffectFinding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
 

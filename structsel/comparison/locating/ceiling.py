@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.windows import Flags
@@ -130,17 +131,16 @@ def _predict_held_out(X: Array, products: Array, Y: Array, group: Array) -> Arra
     """Fractions of the variance of each column of Y that are explained, on groups held out."""
     # These libraries take a while to load, and few commands need them.
     from sklearn.ensemble import HistGradientBoostingRegressor
-    from sklearn.linear_model import Ridge
     from sklearn.model_selection import GroupKFold
     from threadpoolctl import threadpool_limits
 
     scale = products.std(axis=0)
     P = products[:, scale > 0.0] / scale[scale > 0.0]
     folds = list(GroupKFold(min(_FOLDS, len(np.unique(group)))).split(P, groups=group))
+    lines = [_ridge(P, Y, train) for train, _ in folds]  # (penalties, samples, columns of Y) of each fold
     straight = np.empty((len(_HELD_TO), *Y.shape))
-    for train, test in folds:
-        for i, alpha in enumerate(_HELD_TO):
-            straight[i][test] = Ridge(alpha=alpha).fit(P[train], Y[train]).predict(P[test]).reshape(-1, Y.shape[1])
+    for (_, test), line in zip(folds, lines):
+        straight[:, test] = line[:, test]
     ridge = np.array([_explained_fractions(Y, prediction, group) for prediction in straight])
     best = np.argmax(ridge, axis=0)
     bent = np.empty_like(Y)
@@ -150,13 +150,19 @@ def _predict_held_out(X: Array, products: Array, Y: Array, group: Array) -> Arra
         max_iter=40, learning_rate=0.12, max_leaf_nodes=8, min_samples_leaf=25, max_bins=48, early_stopping=False
     )
     with threadpool_limits(1):  # so small are the trees that threads only wait for each other
-        for (train, test), j in product(folds, range(Y.shape[1])):
-            base, ahead = np.zeros(len(train)), np.zeros(len(test))
-            if ridge[best[j], j] > 0.0:
-                line = Ridge(alpha=_HELD_TO[best[j]]).fit(P[train], Y[train, j])
-                base, ahead = line.predict(P[train]), line.predict(P[test])
-            bent[test, j] = ahead + trees.fit(X[train], Y[train, j] - base).predict(X[test])
+        for ((train, test), line), j in product(zip(folds, lines), range(Y.shape[1])):
+            base = line[best[j], :, j] if ridge[best[j], j] > 0.0 else np.zeros(len(Y))
+            bent[test, j] = base[test] + trees.fit(X[train], Y[train, j] - base[train]).predict(X[test])
     return np.maximum(ridge.max(axis=0), _explained_fractions(Y, bent, group))
+
+
+def _ridge(P: Array, Y: Array, train: NDArray[np.intp]) -> Array:
+    """Predictions of all samples by ridge regression on some of them, (penalties, n, columns of Y)."""
+    middle, level = P[train].mean(axis=0), Y[train].mean(axis=0)
+    columns, responses = P[train] - middle, Y[train] - level
+    A, b = columns.T @ columns, columns.T @ responses
+    values = [scipy.linalg.solve(A + penalty * np.eye(len(A)), b, assume_a="pos") for penalty in _HELD_TO]
+    return np.stack([(P - middle) @ one + level for one in values])
 
 
 def _explained_fractions(Y: Array, prediction: Array, group: Array) -> Array:
