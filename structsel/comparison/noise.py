@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise_regressors import helpful_columns, state_functions, usual_functions
@@ -77,6 +78,11 @@ def as_spectra(signals: Mapping[str, Array], flight: Flight) -> dict[str, Array]
     """Level and compared coefficients of signals (n,) or (n, k) of one flight, by response."""
     bins, edge = bins_of(flight), edge_of(flight)
     return {c: spectrum(x, bins, edge) for c, x in signals.items()}
+
+
+def difference_spectra(flight: Flight) -> dict[str, Array]:
+    """Spectra (bins, 1) of the differences."""
+    return as_spectra({c: x[:, None] for c, x in flight.difference.items()}, flight)
 
 
 def edge_of(flight: Flight) -> int:
@@ -201,6 +207,25 @@ def _smooth_spectrum(
 
 
 @dataclass(frozen=True, eq=False)
+class SparseRows:
+    """Weighted columns (rows, k) of one flight, most of which are zero in most responses.
+
+    Attributes
+    ----------
+    at : mapping of response to array of int
+        Columns that are not zero.
+    values : mapping of response to (bins, n) array
+        These columns.
+    inside : (j, k) array
+        Products of all of them with the columns of the flight's projector.
+    """
+
+    at: Mapping[str, NDArray[np.intp]]
+    values: Mapping[str, Array]
+    inside: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Rows:
     """Turns arrays in time into white rows of one flight.
 
@@ -250,34 +275,44 @@ class Rows:
         """(rows, k) white rows of spectra by response."""
         return self.projector(self._stack(spectra, width))
 
-    def against(self, several: Sequence[Mapping[str, Array]], width: int, Z: Array) -> list[Further]:
-        """Products of each of several spectra with the columns of `Z`, whose last is y.
+    def without_zeros(self, spectra: Mapping[str, Array]) -> SparseRows:
+        """Weighted rows of spectra (bins, k) by response, without columns that are zero in a response."""
+        at = {c: np.flatnonzero(x.any(axis=0)) for c, x in spectra.items()}
+        values = {c: x[:, at[c]] * self.weight[c][:, None] for c, x in spectra.items()}
+        inside = np.zeros((self.projector.columns.shape[1], next(iter(spectra.values())).shape[1]))
+        for c, x in values.items():
+            inside[:, at[c]] += self.projector.columns[self.part(c)].T @ x
+        return SparseRows(at, values, inside)
+
+    def against(self, several: Sequence[Mapping[str, Array]], width: int, given: SparseRows) -> list[Further]:
+        """Products of each of several spectra with given columns, of which the last is y, all of them whitened.
 
         Parameters
         ----------
         several : sequence of mapping of response to (bins, width) array
         width : int
-        Z : (rows, k + 1) array
-            ``projector(projector(rows))``, so that the further columns need not be projected themselves.
+        given : SparseRows
         """
-        n, basis = len(several), self.projector.basis
-        cross, inside = np.zeros((n, Z.shape[1], width)), np.zeros((n, basis.shape[1], width))
+        n, columns = len(several), self.projector.columns
+        cross, inside = np.zeros((n, width, given.inside.shape[1])), np.zeros((n, width, columns.shape[1]))
         own = np.zeros((n, width, width))
         for c in self.responses:
-            there = [k for k, one in enumerate(several) if c in one]
-            if not there:
+            there = np.array([k for k, one in enumerate(several) if c in one], dtype=np.intp)
+            if not len(there):
                 continue
-            part = self.part(c)
-            h = np.hstack([several[k][c] for k in there]) * self.weight[c][:, None]
-            each = h.reshape(self.size, len(there), width).transpose(1, 0, 2)
-            own[there] += each.transpose(0, 2, 1) @ each
-            for product, columns in ((cross, Z[part]), (inside, basis[part])):
-                product[there] += (columns.T @ h).reshape(-1, len(there), width).transpose(1, 0, 2)
-        own -= inside.transpose(0, 2, 1) @ (self.projector.lost[:, None] * inside)
-        return [Further(x[:-1], o, x[-1]) for x, o in zip(cross, own)]
+            rows = np.concatenate([several[k][c].T for k in there])
+            rows *= self.weight[c]
+            each = rows.reshape(len(there), width, self.size)
+            own[there] += each @ each.transpose(0, 2, 1)
+            inside[there] += (rows @ columns[self.part(c)]).reshape(len(there), width, -1)
+            cross[np.ix_(there, np.arange(width), given.at[c])] += (rows @ given.values[c]).reshape(
+                len(there), width, -1
+            )
+        lost = inside * self.projector.lost
+        own -= lost @ inside.transpose(0, 2, 1)
+        cross -= lost @ given.inside
+        return [Further(x[:, :-1].T, o, x[:, -1]) for x, o in zip(cross, own)]
 
     def difference(self) -> Array:
         """(rows,) the differences themselves."""
-        edge = edge_of(self.flight)
-        spectra = {c: spectrum(self.flight.difference[c], self.bins, edge)[:, None] for c in self.responses}
-        return self.whiten(spectra)[:, 0]
+        return self.whiten(difference_spectra(self.flight))[:, 0]

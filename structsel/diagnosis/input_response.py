@@ -11,7 +11,7 @@ from structsel.comparison.driving import input_responses
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.scoring import EffectScore, judged_by, score_all
-from structsel.diagnosis.signatures import Library, Signature, spectra_of
+from structsel.diagnosis.signatures import Library, Signature, each_spectra
 from structsel.diagnosis.weighing import EVIDENT, bounded, log_bayes, log_bayes_as_given, with_unconfirmed_weight
 
 _CLEARLY = 3.0  # log Bayes factor by which another form must be better confirmed, to be judged instead
@@ -102,8 +102,9 @@ class InputDrivenMotion:
 
     def _again(self, signatures: Sequence[Signature]) -> list[Signature]:
         """The same forms on the response to the inputs."""
-        for s in (s for s in signatures if s not in self._known):
-            self._known[s] = replace(s, spectra=[spectra_of(s.variant, f, f.responses) for f in self.flights])
+        new = [s for s in dict.fromkeys(signatures) if s not in self._known]
+        spectra = each_spectra([s.variant for s in new], self.flights, self.flights[0].responses)
+        self._known |= {s: replace(s, spectra=made) for s, made in zip(new, spectra)}
         return [self._known[s] for s in signatures]
 
 

@@ -9,7 +9,17 @@ from functools import cached_property
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.noise import Noise, Rows, as_spectra, bins_of, edge_of, estimate_noise, side_by_side
+from structsel.comparison.noise import (
+    Noise,
+    Rows,
+    SparseRows,
+    as_spectra,
+    bins_of,
+    difference_spectra,
+    edge_of,
+    estimate_noise,
+    side_by_side,
+)
 from structsel.comparison.tolerances import Nuisance, biases_of, tolerances_of
 from structsel.diagnosis.signatures import Signature
 from structsel.nomenclature import COEFFICIENTS
@@ -119,10 +129,12 @@ class DiagnosisProblem:
         known: Noise | None = None,
     ) -> DiagnosisProblem:
         responses = flights[0].responses
-        shared = [
-            join([(a, len(nuisances)), *((s.spectra[i], s.width) for s in accepted)], responses, bins_of(f))
-            for i, (f, a) in enumerate(zip(flights, allowed))
-        ]
+        shared = allowed
+        if accepted:
+            shared = [
+                join([(a, len(nuisances)), *((s.spectra[i], s.width) for s in accepted)], responses, bins_of(f))
+                for i, (f, a) in enumerate(zip(flights, allowed))
+            ]
         noise = estimate_noise(flights, shared, responses, pool, known)
         rows = [Rows.of(f, responses, noise, mine) for f, mine in zip(flights, own)]
         B = [r.whiten(mine) for r, mine in zip(rows, shared)]
@@ -136,14 +148,19 @@ class DiagnosisProblem:
         made: dict[int, tuple[Further, ...]] = {}
         for same in group_by_width([s.width for s in signatures]):
             width, spectra = signatures[same[0]].width, zip(*(signatures[k].spectra for k in same))
-            products = [r.against(x, width, Z) for r, x, Z in zip(self.rows, spectra, self._twice)]
+            products = [r.against(x, width, given) for r, x, given in zip(self.rows, spectra, self._sparse)]
             made |= zip(same, zip(*products))
         return self.base.try_each([made[k] for k in range(len(signatures))])
 
     @cached_property
-    def _twice(self) -> list[Array]:
-        """Rows of the base and y, projected a second time."""
-        return [r.projector(np.column_stack([B, y])) for r, B, y in zip(self.rows, self.base.given, self.base.y)]
+    def _sparse(self) -> list[SparseRows]:
+        """Rows of the tolerances, the effects in the model and the differences."""
+        made = []
+        for i, (r, allowed) in enumerate(zip(self.rows, self.allowed)):
+            parts = [(allowed, len(self.nuisances)), *((s.spectra[i], s.width) for s in self.accepted)]
+            together = join([*parts, (difference_spectra(r.flight), 1)], self.responses, r.bins)
+            made.append(r.without_zeros(together))
+        return made
 
     @cached_property
     def held_out_residuals(self) -> list[tuple[Rows, Array]]:

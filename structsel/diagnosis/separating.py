@@ -99,7 +99,7 @@ class _Question:
         noisy = replace(flight, name=self.problem.flights[0].name)
         rows = Rows.of(noisy, self.problem.responses, self.problem.noise, own)
         allowed = as_spectra(side_by_side([(n.sd, n.columns[0]) for n in tolerances_of([flight])], flight), flight)
-        made = [spectra_of(s.signature.variant, flight, self.problem.responses) for s in (self.one, self.other)]
+        made = spectra_of([s.signature.variant for s in (self.one, self.other)], flight, self.problem.responses)
         return _information([self._products(rows, rows.whiten(allowed), *made)]) if made[0] else 0.0
 
     def _products(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,8 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import spectrum
 
 _FAINT = 1e-6  # rms of a signature over that of the differences, below which it is not used
+
+_AT_ONCE = 16  # forms that are transformed together
 
 Progress = Callable[[str, int, int], None]
 
@@ -71,15 +73,26 @@ class Library:
         return list({s.hypothesis.name: s.hypothesis for s in self.signatures}.values())
 
 
-def spectra_of(variant: Variant, flight: Flight, responses: Sequence[str]) -> dict[str, Array]:
-    """Spectra of a variant on one flight, scaled by its priors; without those that are zero."""
-    bins, edge = bins_of(flight), edge_of(flight)
-    added = {c: x for c, x in variant.columns(flight).items() if c in responses and x.any()}
-    if not added:
-        return {}
-    together = spectrum(np.concatenate([x.T for x in added.values()]).T, bins, edge)
-    together *= np.tile([p.sd for p in variant.parameters], len(added))
-    return dict(zip(added, np.split(together, len(added), axis=1)))
+def spectra_of(variants: Sequence[Variant], flight: Flight, responses: Sequence[str]) -> list[dict[str, Array]]:
+    """Spectra of variants on one flight, scaled by their priors; without those that are zero."""
+    added = [{c: x for c, x in v.columns(flight).items() if c in responses and x.any()} for v in variants]
+    columns = [x.T for one in added for x in one.values()]
+    if not columns:
+        return [{} for _ in variants]
+    together = spectrum(np.concatenate(columns).T, bins_of(flight), edge_of(flight))
+    together *= np.concatenate([np.tile([p.sd for p in v.parameters], len(one)) for v, one in zip(variants, added)])
+    parts = iter(np.split(together, np.cumsum([len(x) for x in columns])[:-1], axis=1))
+    return [{c: next(parts) for c in one} for one in added]
+
+
+def each_spectra(
+    variants: Sequence[Variant], flights: Sequence[Flight], responses: Sequence[str]
+) -> Iterator[list[dict[str, Array]]]:
+    """Spectra of each variant on all flights, as by `spectra_of`."""
+    # Not in threads: the jobs are small, and would wait for each other.
+    for first in range(0, len(variants), _AT_ONCE):
+        some = variants[first : first + _AT_ONCE]
+        yield from map(list, zip(*(spectra_of(some, f, responses) for f in flights)))
 
 
 def work_out(
@@ -107,22 +120,14 @@ def work_out(
         jobs += [(hypothesis, v) for v in variants]
     size = {c: max(float(np.std(f.difference[c])) for f in flights) for c in responses}
 
-    def one(hypothesis: Effect, variant: Variant) -> Signature | None:
-        made = [spectra_of(variant, f, responses) for f in flights]
-        seen = any(float(np.abs(x).max()) > _FAINT * size[c] for part in made for c, x in part.items())
-        return (
-            Signature(hypothesis, variant, made, frozenset(f.name for f, x in zip(flights, made) if x))
-            if seen
-            else None
-        )
-
     found: list[Signature] = []
     tell = progress or (lambda what, done, of: None)
-    # One by one: the jobs are small, and threads would wait for each other.
-    for done, made in enumerate(one(*job) for job in jobs):
-        if made is not None:
-            found.append(made)
-        if done % 16 == 0 or done == len(jobs) - 1:
+    for done, ((hypothesis, variant), made) in enumerate(
+        zip(jobs, each_spectra([v for _, v in jobs], flights, responses))
+    ):
+        if any(float(np.abs(x).max()) > _FAINT * size[c] for part in made for c, x in part.items()):
+            found.append(Signature(hypothesis, variant, made, frozenset(f.name for f, x in zip(flights, made) if x)))
+        if done % _AT_ONCE == 0 or done == len(jobs) - 1:
             tell("signatures", done + 1, len(jobs))
     seen = {s.hypothesis.name for s in found}
     refused |= {h.name: "motion that would show it" for h, _ in jobs if h.name not in seen}

@@ -207,7 +207,8 @@ def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
     Returns
     -------
     (1 + bins,) or (1 + bins, k) array
-        The level (times the root of the weighted number of samples) and coefficients 1 to `bins`.
+        The level (times the root of the weighted number of samples) and coefficients 1 to `bins`; each column is
+        contiguous in memory.
     """
     n = fast_length(len(x))
     weight = taper(n, edge)
@@ -217,7 +218,7 @@ def spectrum(x: Array, bins: int, edge: int = 0) -> Array:
     coefficients = scipy.fft.dct(tapered, norm="ortho", overwrite_x=True)[..., : bins + 1]
     coefficients = coefficients - np.multiply.outer(level, _constant_coefficients(n, edge)[: bins + 1])
     coefficients[..., 0] = level * np.sqrt(weight @ weight)
-    return np.array(coefficients.T, order="C")
+    return np.asarray(coefficients.T)
 
 
 @lru_cache(maxsize=256)

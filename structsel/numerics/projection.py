@@ -13,27 +13,31 @@ from structsel.numerics.arrays import Array
 class Projector:
     """Whitening of the rows of one manoeuvre, whose noise includes nuisance parameters P of its own.
 
-    ``I + P P'`` is the covariance of noise and nuisances. Its inverse square root shrinks the directions of P only:
-    `basis` holds these directions, `shrink` the fraction that each loses.
+    ``I + P P'`` is the covariance of noise and nuisances. With ``P'P = V G V'``, G diagonal, and the columns ``P V``::
+
+        (I + P P')^-1/2 = I - P V diag(1 / (r (1 + r))) V'P'    r = sqrt(1 + G)
+        (I + P P')^-1   = I - P V diag(1 / r^2) V'P'
+
+    Attributes
+    ----------
+    columns : (rows, k) array
+        ``P V``.
+    shrink, lost : (k,) arrays
+        Diagonals of the two formulas.
     """
 
-    basis: Array
+    columns: Array
     shrink: Array
+    lost: Array
 
     @classmethod
     def of(cls, P: Array) -> Projector:
         """Projector of columns scaled by their prior standard deviations, (rows, k)."""
-        if not P.shape[1]:
-            return cls(np.zeros((P.shape[0], 0)), np.zeros(0))
-        U, s, _ = np.linalg.svd(P, full_matrices=False)
-        return cls(U, 1.0 - 1.0 / np.sqrt(1.0 + s**2))
+        G, V = np.linalg.eigh(P.T @ P)
+        root = np.sqrt(1.0 + np.maximum(G, 0.0))
+        return cls(P @ V, 1.0 / (root * (1.0 + root)), 1.0 / root**2)
 
     def __call__(self, X: Array) -> Array:
         """Whitened rows."""
-        inside = self.basis.T @ X
-        return X - self.basis @ (inside * (self.shrink[:, None] if X.ndim == 2 else self.shrink))
-
-    @property
-    def lost(self) -> Array:
-        """Fraction of the power that each direction of `basis` loses."""
-        return 2.0 * self.shrink - self.shrink**2
+        inside = self.columns.T @ X
+        return X - self.columns @ (inside * (self.shrink[:, None] if X.ndim == 2 else self.shrink))
