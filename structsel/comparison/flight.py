@@ -172,8 +172,14 @@ class Flight:
     def predicted(self, name: str) -> Array:
         """Simulated response at states without noise; the measured one where it is not simulated."""
         if self.surrogate is not None and name in self.surrogate.terms:
-            return self.surrogate.evaluate(self, name)
+            if name not in self._predicted:
+                self._predicted[name] = self.surrogate.evaluate(self, name)
+            return self._predicted[name]
         return self.simulated.get(name, self.measured.get(name, np.zeros(len(self))))
+
+    @cached_property
+    def _predicted(self) -> dict[str, Array]:
+        return {}
 
     @cached_property
     def forces(self) -> tuple[Array, Array, Array]:

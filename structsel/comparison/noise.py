@@ -66,18 +66,25 @@ def highest_of(flight: Flight) -> float:
 
 def side_by_side(columns: Sequence[tuple[float, Mapping[str, Array]]], flight: Flight) -> dict[str, Array]:
     """Columns (1 sigma, what one unit adds by response) scaled by their sigmas, (n, k) by response."""
-    zero = np.zeros(len(flight))
-    empty = np.zeros((len(flight), 0))
-    return {
-        c: np.column_stack([sd * one.get(c, zero) for sd, one in columns]) if columns else empty
-        for c in flight.responses
-    }
+    made = {c: np.zeros((len(columns), len(flight))) for c in flight.responses}
+    for j, (sd, one) in enumerate(columns):
+        for c in one.keys() & made.keys():
+            made[c][j] = sd * one[c]
+    return {c: x.T for c, x in made.items()}
 
 
 def as_spectra(signals: Mapping[str, Array], flight: Flight) -> dict[str, Array]:
     """Level and compared coefficients of signals (n,) or (n, k) of one flight, by response."""
     bins, edge = bins_of(flight), edge_of(flight)
-    return {c: spectrum(x, bins, edge) for c, x in signals.items()}
+    made = {}
+    for c, x in signals.items():
+        there = x.any(axis=0)
+        if np.all(there):
+            made[c] = spectrum(x, bins, edge)
+        else:  # most tolerances act on few responses
+            made[c] = np.zeros((*x.shape[1:], bins + 1)).T
+            made[c][..., there] = spectrum(x[..., there], bins, edge)
+    return made
 
 
 def difference_spectra(flight: Flight) -> dict[str, Array]:
@@ -99,7 +106,7 @@ def estimate_noise(
     flights: Sequence[Flight],
     explained: Sequence[Mapping[str, Array]],
     responses: Sequence[str],
-    pool: Mapping[str, Sequence[Array]],
+    pool: Mapping[str, Array],
     known: Noise | None = None,
 ) -> Noise:
     """Spectrum of the part that tolerances, usual functions of the states and known physics do not explain.
@@ -110,8 +117,8 @@ def estimate_noise(
     explained : sequence of mapping of response to (bins, k) array
         Spectra that may explain the differences, scaled by their priors, per flight.
     responses : sequence of str
-    pool : mapping of response to sequence of (bins, j) array
-        Spectra of further columns per flight; the few that help most are used.
+    pool : mapping of response to (n, j) array
+        Coefficients of further columns, the flights one after another; the few that help most are used.
     known : Noise, optional
         Of some responses, which are left as they are there.
     """
@@ -151,7 +158,7 @@ def _residual(
     usual: Array,
     response: str,
     edges: Array,
-    pool: Sequence[Array] | None,
+    further: Array | None,
 ) -> tuple[list[Array], list[Array]]:
     """Residual of one response's coefficients, and the degrees of freedom of each.
 
@@ -163,7 +170,6 @@ def _residual(
     Z = Z[:, Z.any(axis=0)]  # most tolerances act on other responses
     scale = np.sqrt((usual**2).mean(axis=0))
     X = usual[:, scale > 0.0] / scale[scale > 0.0]
-    further = None if pool is None else np.vstack([p[1:] for p in pool])
     squares = None if further is None else further**2
     cuts = np.cumsum(bins)[:-1]
     weight = np.full(len(y), 1.0 / max(float(y.std()), 1e-300))
@@ -265,7 +271,7 @@ class Rows:
     def _stack(self, spectra: Mapping[str, Array], width: int | None) -> Array:
         """(rows, k) array of spectra, weighted; a response not there gives zeros."""
         k = next((x.shape[1] for x in spectra.values()), 0) if width is None else width
-        made = np.zeros((self.size * len(self.responses), k))
+        made = np.zeros((k, self.size * len(self.responses))).T  # each column contiguous, as in the spectra
         for c in self.responses:
             if c in spectra:
                 made[self.part(c)] = spectra[c] * self.weight[c][:, None]
@@ -275,13 +281,21 @@ class Rows:
         """(rows, k) white rows of spectra by response."""
         return self.projector(self._stack(spectra, width))
 
-    def without_zeros(self, spectra: Mapping[str, Array]) -> SparseRows:
-        """Weighted rows of spectra (bins, k) by response, without columns that are zero in a response."""
-        at = {c: np.flatnonzero(x.any(axis=0)) for c, x in spectra.items()}
-        values = {c: x[:, at[c]] * self.weight[c][:, None] for c, x in spectra.items()}
-        inside = np.zeros((self.projector.columns.shape[1], next(iter(spectra.values())).shape[1]))
-        for c, x in values.items():
-            inside[:, at[c]] += self.projector.columns[self.part(c)].T @ x
+    def without_zeros(self, parts: Sequence[tuple[Mapping[str, Array], int]]) -> SparseRows:
+        """Weighted rows of spectra and their widths, side by side, without columns that are zero in a response."""
+        first = np.cumsum([0, *(width for _, width in parts)])
+        inside = np.zeros((self.projector.columns.shape[1], first[-1]))
+        at: dict[str, NDArray[np.intp]] = {}
+        values: dict[str, Array] = {}
+        for c in self.responses:
+            here = [
+                (k, x, np.flatnonzero(x.any(axis=0)))
+                for k, (one, _) in zip(first, parts)
+                if (x := one.get(c)) is not None
+            ]
+            at[c] = np.concatenate([k + there for k, _, there in here])
+            values[c] = np.concatenate([x.T[there] for _, x, there in here]).T * self.weight[c][:, None]
+            inside[:, at[c]] += self.projector.columns[self.part(c)].T @ values[c]
         return SparseRows(at, values, inside)
 
     def against(self, several: Sequence[Mapping[str, Array]], width: int, given: SparseRows) -> list[Further]:

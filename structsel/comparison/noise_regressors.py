@@ -87,17 +87,14 @@ def helpful_columns(
     # products keep the digits.
     prior = _FREE * scipy.linalg.solve_triangular(lower, np.eye(len(lower)), lower=True)
     factor = scipy.linalg.cholesky(turned @ turned.T + prior @ prior.T, lower=True)
-
-    def within(products: Array) -> Array:
-        return np.asarray(scipy.linalg.solve_triangular(factor, products, lower=True))
-
-    inside, inside_y = within((turned * weight) @ further), within(turned @ y)
+    inverse = scipy.linalg.solve_triangular(factor, np.eye(len(factor)), lower=True)
+    inside, inside_y = inverse @ ((turned * weight) @ further), inverse @ (turned @ y)
     before = weight**2 @ squares
     # Products of the residuals of the columns after regression on the rows: with themselves, and with that of y.
     power = before - (inside**2).sum(axis=0)
     with_y = (weight * y) @ further - inside_y @ inside
     total = float(y @ y - inside_y @ inside_y)
-    freedom = max(1.0, len(y) - len(lower) + float((within(prior) ** 2).sum()))
+    freedom = max(1.0, len(y) - len(lower) + float(((inverse @ prior) ** 2).sum()))
     kept: list[int] = []
     taken: list[Array] = []
     for _ in range(_PICKS):

@@ -124,7 +124,7 @@ class DiagnosisProblem:
         allowed: Sequence[Spectra],
         own: Sequence[Spectra],
         accepted: tuple[Signature, ...],
-        pool: Mapping[str, Sequence[Array]],
+        pool: Mapping[str, Array],
         groups: Sequence[tuple[int, ...]] | None,
         known: Noise | None = None,
     ) -> DiagnosisProblem:
@@ -158,8 +158,7 @@ class DiagnosisProblem:
         made = []
         for i, (r, allowed) in enumerate(zip(self.rows, self.allowed)):
             parts = [(allowed, len(self.nuisances)), *((s.spectra[i], s.width) for s in self.accepted)]
-            together = join([*parts, (difference_spectra(r.flight), 1)], self.responses, r.bins)
-            made.append(r.without_zeros(together))
+            made.append(r.without_zeros([*parts, (difference_spectra(r.flight), 1)]))
         return made
 
     @cached_property
@@ -219,18 +218,23 @@ def join(parts: Sequence[tuple[Spectra, int]], responses: Sequence[str], bins: i
     return {c: np.column_stack([p.get(c, np.zeros((bins + 1, k))) for p, k in parts]) for c in responses}
 
 
-def _pool(flights: Sequence[Flight], library: Sequence[Signature], responses: Sequence[str]) -> dict[str, list[Array]]:
-    """Spectra of the effects that may be in the differences, by response, per flight."""
+def _pool(flights: Sequence[Flight], library: Sequence[Signature], responses: Sequence[str]) -> dict[str, Array]:
+    """Coefficients of the effects that may be in the differences, by response, the flights one after another."""
     # The responses are computed from the readings of instruments: sensor errors would explain their noise as well.
     # Resonances would explain any narrow band of it.
     usable = [s for s in library if s.hypothesis.kind not in ("sensor", "structural")]
+    ends = np.cumsum([0, *map(bins_of, flights)])
     made = {}
     for c in responses:
         mine = [s for s in usable if c in s.responses]
-        if mine:
-            parts = [[(s.spectra[i], s.width) for s in mine] for i in range(len(flights))]
-            made[c] = [join(p, (c,), bins_of(f))[c] for p, f in zip(parts, flights)]
-    return made
+        columns = np.cumsum([0, *(s.width for s in mine)])
+        made[c] = np.zeros((columns[-1], ends[-1])).T
+        for j, s in zip(columns, mine):
+            for n, spectra in zip(ends, s.spectra):
+                if c in spectra:
+                    x = spectra[c][1:]
+                    made[c][n : n + len(x), j : j + s.width] = x
+    return {c: x for c, x in made.items() if x.shape[1]}
 
 
 def _widened(
