@@ -7,7 +7,7 @@ from scipy import stats
 from structsel.numerics.cluster_stepwise import cluster_F_threshold, cluster_stepwise, samples_per_independent_sample
 from structsel.numerics.cross_products import cross_products
 from structsel.numerics.regressors import ArrayData
-from structsel.selection import SelectOptions, select_arrays
+from structsel.selection import SelectOptions, prewhitening, select_arrays
 
 from .pools import ar1, design, monomial_exponents
 
@@ -104,3 +104,21 @@ def test_whitening_is_dropped_where_a_delayed_channel_leaves_misfit_and_only_the
     if delay == 0:
         assert not outcome.cluster_robust
         assert outcome.prewhitening_dropped is None
+
+
+@pytest.mark.parametrize("read_noise", [0.0, 0.05])
+def test_whitening_is_dropped_where_estimates_differ_by_more_than_noise_would_cause(monkeypatch, read_noise):
+    # Noise in the signals shrinks the prewhitened estimates; a drift of the response alone leaves both without bias.
+    monkeypatch.setattr(prewhitening, "_predicts_worse", lambda *_: False)
+    dropped = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        flights = []
+        for _ in range(3):
+            signals = delayed_flight(rng, 0).base_signals
+            y = np.array([2.0, -1.0, 0.5]) @ signals + 0.05 * ar1(rng, signals.shape[1], 0.99)
+            noise = read_noise * signals.std(axis=1)[:, None] * rng.standard_normal(signals.shape)
+            flights.append(ArrayData(signals + noise, y[None]))
+        (outcome,) = select_arrays(flights, monomial_exponents(3, 1), SelectOptions(F_in="auto", bootstrap=0))
+        dropped += outcome.prewhitening_dropped is not None
+    assert dropped == (20 if read_noise else 0)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import structsel as ss
@@ -75,3 +76,19 @@ def test_six_axes_of_attas_hold_on_manoeuvres_left_out(attas):
     # Part of the residual is misfit (late air data), so whitening must have been tried and given up, and said.
     assert found["Cm"].cluster_robust
     assert any("Prewhitening was dropped" in d for d in found["Cm"].doubts)
+
+
+def test_three_manoeuvres_of_attas_each_on_one_axis_give_the_classical_derivatives(attas):
+    # The second and third repeat the first ones; published: Cm -1.02, -23.8, -1.42 for alpha, q_hat and de.
+    pool = ss.Candidates.parse(["alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "alpha^2", "beta^2"])
+    flights = [f for f in attas if f.name in ("fAttasElv1", "fAttasAil1", "fAttasRud1")]
+    assert len(flights) == 3
+    found = ss.select(flights, ["CY", "Cm", "Cn"], pool, bootstrap=0).model
+    assert found["Cm"]["alpha"] == pytest.approx(-1.02, rel=0.1)
+    assert found["Cm"]["q_hat"] == pytest.approx(-23.8, rel=0.2)
+    assert found["Cm"]["de"] == pytest.approx(-1.42, rel=0.1)
+    rest = [f for f in attas if f.name not in ("fAttasElv1", "fAttasAil1", "fAttasRud1")]
+    for response, least in {"CY": 0.97, "Cn": 0.95}.items():
+        y = np.concatenate([f[response] for f in rest])
+        e = y - np.concatenate([found.evaluate(f, outside="ignore")[response] for f in rest])
+        assert 1.0 - e.var() / y.var() > least, response

@@ -37,7 +37,7 @@ class ArraySelection:
     converged : bool
         False where terms and noise models did not agree after the last round.
     prewhitening_dropped : (float, float), optional
-        Cross-validation sums of squares with prewhitening and with the search used instead.
+        Sums of squared errors with prewhitening and of the search used instead.
     fit : LeastSquaresFit
     values, covariance : (1 + k,) array, (1 + k, 1 + k) array
         The constant first.

@@ -83,9 +83,9 @@ def _about_the_search(found: ArraySelection, names: Sequence[str], options: Sele
     if found.prewhitening_dropped is not None:
         a, b = (np.sqrt(v) for v in found.prewhitening_dropped)
         warnings.append(
-            f"Prewhitening was dropped: its cross-validation error is {a / b:.2f} times that of ordinary least "
-            "squares. The residual is not only noise; look for delayed channels, noise in the signals, or missing "
-            "dynamics."
+            f"Prewhitening was dropped: its rms error is {a / b:.2f} times that of ordinary least squares, more than "
+            "noise would cause. The residual is not only noise; look for delayed channels, noise in the signals, or "
+            "missing dynamics."
         )
     if found.instruments is not None and found.instruments[1] < INVALID:
         warnings.append(

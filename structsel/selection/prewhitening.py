@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
@@ -28,6 +29,7 @@ from structsel.selection.search import (
 )
 
 ROUNDS = 4  # of noise model and search; the terms stay the same after two almost always
+SIGNIFICANCE = 0.01  # of the test that estimates differ
 WORSE = 1.25  # squared error of the fit from which prewhitening is dropped, if cross-validation agrees
 PILOT = 32, 0.2
 """Candidates that a pilot search takes from each of two rankings, and the fraction of all where that is more. The first
@@ -177,9 +179,10 @@ def _best_explaining(search: Search, result: SearchResult, count: int) -> NDArra
 
 
 def _check_prewhitening(choice: Choice, plain: Search) -> Choice:
-    """Drop prewhitening where it describes the response clearly worse than least squares, and predicts it worse.
+    """Drop prewhitening where it describes the response clearly worse than least squares, and noise cannot be why.
 
-    With coloured noise both are right; where prewhitening is worse the residual is model error, not noise.
+    With coloured noise both are right; where prewhitening is worse the residual is model error, not noise. That is so
+    if it predicts worse as well, or if the parameters differ by more than noise would cause.
     """
     if not plain.folds:
         return choice
@@ -193,9 +196,36 @@ def _check_prewhitening(choice: Choice, plain: Search) -> Choice:
     if with_noise_model <= max(WORSE * least_rss(total), rounding):  # whatever terms the other search selects
         return choice
     other = cluster_robust(plain)
-    if with_noise_model <= max(WORSE * error(other), rounding):
+    without = error(other)
+    if with_noise_model <= max(WORSE * without, rounding):
         return choice
-    with_it, without = (cross_validate(c.search, plain.products) for c in (choice, other))
-    if with_it is None or without is None or with_it.sse.sum() <= without.sse.sum():
+    if not _predicts_worse(choice, other, plain.products) and not _estimates_differ(choice, other):
         return choice
-    return replace(other, prewhitening_dropped=(float(with_it.sse.sum()), float(without.sse.sum())))
+    return replace(other, prewhitening_dropped=(with_noise_model, without))
+
+
+def _predicts_worse(choice: Choice, other: Choice, plain: CrossProducts) -> bool:
+    """Whether the choice has the larger cross-validation error."""
+    first, second = (cross_validate(c.search, plain) for c in (choice, other))
+    return first is not None and second is not None and bool(first.sse.sum() > second.sse.sum())
+
+
+def _estimates_differ(choice: Choice, other: Choice) -> bool:
+    """Whether the slopes of the other's terms differ with and without prewhitening by more than noise would cause.
+
+    Noise alone leaves both estimates without bias (the specification test of [H78]). The covariance is that of least
+    squares from its scatter between blocks, which is larger than that of the difference.
+    """
+    kept, products = list(other.result.selected), other.search.products
+    b, k = products.n_blocks, len(kept)
+    if not k or b <= k + 1:
+        return False
+    columns = [*([] if products.own_constants else [0]), *(1 + j for j in kept)]
+    blocks = products.parts([*columns, products.scale.size - 1])
+    fit = project(blocks.sum(axis=0), range(len(columns)))
+    theta = fit.coefficients[:, -1]
+    scores = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ theta
+    covariance = (fit.inverse @ (scores.T @ scores) @ fit.inverse)[-k:, -k:]
+    difference = solve(model_products(choice.search.products, kept))[1:] - theta[-k:]
+    F = float(difference @ np.linalg.pinv(covariance, hermitian=True) @ difference) * (b - k) / (k * b)
+    return bool(scipy.stats.f.sf(F, k, b - k) < SIGNIFICANCE)
