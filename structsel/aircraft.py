@@ -133,6 +133,9 @@ class Tolerances(_Table):
     alignment : [rad], vanes and inertial axes
     delay : [s], between channels
     lever_arm : [m]
+    form : relative to the variation of each response
+        What terms that the simulation does not have may leave, as its residual does where it was identified. A model
+        that states its R2 has this error at least.
     """
 
     main: Tolerance = 0.05
@@ -145,6 +148,7 @@ class Tolerances(_Table):
     alignment: Tolerance = 0.005
     delay: Tolerance = 0.005
     lever_arm: Tolerance = 0.15
+    form: _NotNegative = 0.0
 
 
 class Engine(_Table):

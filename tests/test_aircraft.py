@@ -76,7 +76,7 @@ def test_tolerances_left_out_take_the_designs_defaults():
     tolerances = Aircraft.from_dict(GOOD).tolerances
     assert tolerances.model_dump() == {
         "main": 0.01, "secondary": 0.15, "mass": "exact", "inertia": 0.05, "cg": 0.005, "thrust": "free",
-        "vane_scale": 0.015, "alignment": 0.005, "delay": 0.005, "lever_arm": 0.15,
+        "vane_scale": 0.015, "alignment": 0.005, "delay": 0.005, "lever_arm": 0.15, "form": 0.0,
     }  # fmt: skip
 
 

@@ -1,6 +1,7 @@
 """A simulation of any form against recordings: what was left out is located, and what cannot be compared is refused."""
 
 import sys
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -18,6 +19,7 @@ from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import log_bayes
 from structsel.errors import DataError, ModelError
+from structsel.model import AeroModel
 from structsel.recording import Recording
 from tests.models import model_of
 from tests.noisy_flights import AIRCRAFT, DT, TRUTH, T, flights_with, fly, tried
@@ -281,3 +283,19 @@ def test_channels_that_are_constant_as_on_a_ship_are_compared():
     assert not {"k_phi", "k_theta"} & set(flights[0].responses)
     base = DiagnosisProblem.set_up(flights, []).base
     assert np.isfinite(base.evidence).all()
+
+
+def test_the_form_of_a_simulation_is_as_exact_as_its_residual_or_as_stated(flights_and_truth):
+    recordings, stated = flights_and_truth
+    assert prepare(files(recordings, stated), recordings, AIRCRAFT).flights[0].form_error == {}
+    tolerances = AIRCRAFT.tolerances.model_copy(update={"form": 0.1})
+    coarse = AIRCRAFT.model_copy(update={"tolerances": tolerances})
+    errors = prepare(files(recordings, stated), recordings, coarse).flights[0].form_error
+    assert errors == dict.fromkeys(("CX", "CY", "CZ", "Cl", "Cm", "Cn"), 0.1)
+    exact = model_of(TRUTH)
+    responses = {c: replace(exact[c], r2=0.9 if c == "CZ" else np.nan) for c in exact}
+    flights = prepare(AeroModel(responses), recordings, AIRCRAFT).flights
+    assert flights[0].form_error.keys() == {"CZ"}
+    simulated = np.concatenate([f.simulated["CZ"] - f.simulated["CZ"].mean() for f in flights])
+    noise = np.concatenate([np.diff(f.measured["CZ"], 3) for f in flights]).var() / 20.0
+    assert_allclose(flights[0].form_error["CZ"] ** 2, 1.0 / 9.0 - noise / simulated.var(), rtol=0.05)

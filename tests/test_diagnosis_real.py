@@ -23,6 +23,7 @@ real = load_benchmark("real_recordings")
         ("silverbox", "stiffening", "output", 0.1),
         ("boucwen", "mechanical-hysteresis", "place", 0.5),
         ("gtm_stall", "static-stall", "CZ", 0.3),
+        ("hfb320_drag", "drag-polar", "CX", 0.3),
     ],
 )
 def test_effects_missing_from_a_linear_simulation_are_named_and_reduce_the_error(name, effect, response, left):
@@ -35,7 +36,9 @@ def test_effects_missing_from_a_linear_simulation_are_named_and_reduce_the_error
     assert bars.physics.rrmse < left * bars.delivered.rrmse
 
 
-@pytest.mark.parametrize("name", ["crazyflie_correct", "silverbox_correct", "boucwen_correct", "gtm_correct"])
+@pytest.mark.parametrize(
+    "name", ["crazyflie_correct", "silverbox_correct", "boucwen_correct", "gtm_correct", "hfb320_correct"]
+)
 def test_what_has_its_own_model_is_within_tolerances(name):
     _, found = real.run(name)
     assert found.verdict == "consistent"

@@ -46,14 +46,16 @@ def test_an_effect_no_larger_than_the_form_of_an_identified_simulation_leaves_is
     t = np.linspace(0.0, 10.0, 200)
     flight = SimpleNamespace(simulated={"CZ": np.sin(t)}, form_error={"CZ": 0.1})
     effect = SimpleNamespace(responses=("CZ",))
-    problem = SimpleNamespace(flights=[flight], accepted=[effect])
+    rows = SimpleNamespace(part=lambda _: slice(0, 2))
+    without = SimpleNamespace(fitted_residuals=[(rows, np.array([3.0, 2.0]))])
+    problem = SimpleNamespace(flights=[flight], accepted=[effect], fitted_residuals=[(rows, np.array([1.0, 0.0]))])
     for size, expected in ((0.1, 0.5), (0.3, 4.5)):
         monkeypatch.setattr(size_evidence, "contributions", lambda *_, size=size: [{"CZ": size * np.sin(t)}])
-        assert beyond_form(problem) == pytest.approx(expected)
-    effect.responses = ("CZ", "k_alpha")  # instruments show it as well
-    assert beyond_form(problem) == np.inf
-    flight.form_error, effect.responses = {}, ("CZ",)
-    assert beyond_form(problem) == np.inf
+        assert beyond_form(without, problem) == pytest.approx(expected)
+    effect.responses = ("CZ", "k_alpha")  # what it explains of a kinematic residual: (3^2 + 2^2 - 1) / 2
+    assert beyond_form(without, problem) == pytest.approx(6.0)
+    flight.form_error = {}
+    assert beyond_form(without, problem) == np.inf
 
 
 def test_of_an_identified_simulation_the_same_evidence_is_worth_less():

@@ -68,6 +68,7 @@ Ixz = 117.6                     # integral of x z over the mass; its sign in the
 # alignment = 0.005             # of vanes and inertial axes, rad
 # delay = 0.005                 # between channels, s
 # lever_arm = 0.15              # positions of the sensors, m
+# form = 0.0                    # rms that the terms of the simulation leave, relative to the variation of each response
 
 # [engine]
 # angular_momentum = 0.0        # of rotating parts along body x, kg m^2/s

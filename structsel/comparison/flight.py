@@ -58,8 +58,8 @@ class Flight:
         Whether the simulation was evaluated at other states, such as reconstructed ones, which lack the biases of the
         readings.
     form_error : mapping of response to float
-        Of a simulation whose coefficients were identified from its own flights: rms that their form leaves there, as
-        a fraction of the response's own.
+        Of a simulation that was identified from flights, or whose error of form is stated: rms that its form leaves
+        there, as a fraction of the response's own.
     """
 
     name: str

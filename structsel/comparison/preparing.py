@@ -14,11 +14,15 @@ from structsel.comparison.free_simulation import along_recordings
 from structsel.comparison.simulations import OpenedSimulation, open_simulation
 from structsel.comparison.surrogate import find_surrogate
 from structsel.errors import DataError
+from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
+from structsel.numerics.signal_quality import noise_std_from_differences
 from structsel.recording import Recording, warn_of_entry_errors
 
 Progress = Callable[[str, int, int], None]
+_ALONG_WIND = {"CX": "CD", "CZ": "CL"}
+"""Response of a model in wind axes that is nearly a coefficient in body axes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +79,8 @@ def prepare(
     if not shared:
         raise DataError("the simulation and the recordings have no response in common in all manoeuvres.")
     flights = [replace(f, simulated={c: f.simulated[c] for c in shared}) for f in flights]
+    errors = _form_error(flights, simulation.model, aircraft.tolerances.form)
+    flights = [replace(f, form_error=errors) for f in flights]
     check_alike(flights, simulation.name)
     if set(AIRFRAME) <= set(flights[0].channels) and set(shared) & set(COEFFICIENTS):
         stand_in = find_surrogate(flights, [c for c in shared if c in COEFFICIENTS])
@@ -82,6 +88,25 @@ def prepare(
     common = set.intersection(*(set(f.measured) for f in flights)) - _unmeasured(flights)
     flights = [replace(f, measured={c: f.measured[c] for c in f.measured if c in common}) for f in flights]
     return PreparedComparison(tuple(flights), simulation, tuple(remarks))
+
+
+def _form_error(flights: Sequence[Flight], model: AeroModel | None, stated: float) -> dict[str, float]:
+    """Rms that the form of the simulation leaves of each coefficient, relative to the simulated variation.
+
+    The largest of what is stated, of what a free simulation leaves of its own flights, and of the residual of a model
+    where it was identified, from its R2, less the white noise of these recordings.
+    """
+    made = dict(flights[0].form_error)
+    for c in flights[0].simulated.keys() & set(COEFFICIENTS):
+        known = None if model is None else next((model[r].r2 for r in (c, _ALONG_WIND.get(c, c)) if r in model), None)
+        if known is not None and 0.0 < known < 1.0:
+            power = sum(len(f) * float(np.var(f.simulated[c])) for f in flights)
+            white = sum(len(f) * noise_std_from_differences(np.diff(f.measured[c], 3)) ** 2 for f in flights)
+            left = (1.0 - known) / known - white / max(power, 1e-300)
+            made[c] = max(made.get(c, 0.0), float(np.sqrt(max(left, 0.0))))
+        if stated:
+            made[c] = max(made.get(c, 0.0), stated)
+    return made
 
 
 def _unmeasured(flights: Sequence[Flight]) -> set[str]:

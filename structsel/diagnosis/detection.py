@@ -154,12 +154,13 @@ def detect(flights: Sequence[Flight], problem: DiagnosisProblem) -> Detection | 
     if not set(flights[0].simulated) & set(COEFFICIENTS) or not set(AIRFRAME) <= set(flights[0].channels):
         return None
     rows = CausalRows(flights, problem.nuisances)
-    form = _FORM_IDENTIFIED if flights[0].is_identified else _FORM
+    least = _FORM_IDENTIFIED if flights[0].is_identified else _FORM
+    form = {c: max(least, flights[0].form_error.get(c, 0.0)) for c in rows.responses}
     null = rows.null()
     F = features(flights)
     inside = [x[rows.edge : len(x) - rows.edge] for x in F]
     single = _of_unit_size([x[rows.edge : len(x) - rows.edge] for x in features(flights, _ATTITUDE)])
-    remainder = {c: _unknown_function(rows, null, c, inside, single, form) for c in rows.responses}
+    remainder = {c: _unknown_function(rows, null, c, inside, single, form[c]) for c in rows.responses}
     events = [_event(rows, null, i) for i in range(len(flights))]
     alike = explained_by_form(problem, rows.size, form)
     causes = exceeded(rows.tolerances, null.mean, null.covariance, form=alike) + exceeded_as_recorded(problem, alike)

@@ -116,7 +116,9 @@ def exceeded(
     return tuple(made)
 
 
-def explained_by_form(problem: DiagnosisProblem, size: Mapping[str, float], form: float) -> dict[str, float]:
+def explained_by_form(
+    problem: DiagnosisProblem, size: Mapping[str, float], form: Mapping[str, float]
+) -> dict[str, float]:
     """Apparent deviation of each parameter [stated tolerances] that the error of the simulation's form may explain.
 
     Parameters
@@ -124,14 +126,14 @@ def explained_by_form(problem: DiagnosisProblem, size: Mapping[str, float], form
     problem : DiagnosisProblem
     size : mapping of response to float
         Rms variation of the simulated response.
-    form : float
+    form : mapping of response to float
         Error of the form, relative to this variation.
     """
     made = {}
     for n in problem.nuisances:
         power = {c: np.mean(np.concatenate([x[c] for x in n.columns if c in x]) ** 2) for x in n.columns for c in x}
-        shows = max((n.sd * np.sqrt(p) / size[c] for c, p in power.items() if c in size), default=0.0)
-        made[n.name] = form / max(shows, 1e-3 * form)
+        shows = max((n.sd * np.sqrt(p) / (size[c] * form[c]) for c, p in power.items() if c in size), default=0.0)
+        made[n.name] = 1.0 / max(shows, 1e-3)
     return made
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from structsel.diagnosis.problem import DiagnosisProblem
@@ -17,23 +19,31 @@ def agreed(extended: DiagnosisProblem) -> float:
     return 0.5 * float(np.max((posterior.mean[at] / error) ** 2))
 
 
-def beyond_form(extended: DiagnosisProblem) -> float:
+def beyond_form(without: DiagnosisProblem, extended: DiagnosisProblem) -> float:
     """Log Bayes factor of the size of the last effect, with the form of an identified simulation as its error.
 
     What a polynomial leaves of a simulation's own flights is as large in the recordings, and may move like an effect.
-    Infinite for other simulations, and for an effect that kinematic responses show: these are not simulated.
+    What an effect explains of kinematic residuals counts as well: these are not simulated. Infinite for other
+    simulations.
     """
     flights, effect = extended.flights, len(extended.accepted) - 1
     errors = flights[0].form_error
-    if not errors or not set(extended.accepted[effect].responses) <= set(errors):
+    responses = extended.accepted[effect].responses
+    if not set(responses) & set(flights[0].simulated) <= set(errors):
         return np.inf
     added = contributions(extended, [effect])
-    ratios = [0.0]
-    for c in extended.accepted[effect].responses:
+    kinematic = set(responses) - set(flights[0].simulated)
+    logs = [0.5 * (_squares(without, kinematic) - _squares(extended, kinematic))]
+    for c in errors.keys() & set(responses):
         own = sum(float(np.var(f.simulated[c])) for f in flights)
         size = sum(float(np.var(a[c])) for a in added if c in a)
-        ratios.append(size / max(errors[c] ** 2 * own, 1e-300))
-    return 0.5 * max(ratios)
+        logs.append(0.5 * size / max(errors[c] ** 2 * own, 1e-300))
+    return max(logs)
+
+
+def _squares(problem: DiagnosisProblem, responses: Collection[str]) -> float:
+    """Sum of squares of the whitened residuals of some responses."""
+    return sum(float(np.sum(left[r.part(c)] ** 2)) for r, left in problem.fitted_residuals for c in responses)
 
 
 def jackknifed(without: Array) -> Array:

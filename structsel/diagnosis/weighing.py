@@ -85,6 +85,8 @@ class CandidateEffect:
         Whether it decreases the error on other flights visibly.
     identified : bool
         Whether the simulation was identified from its own flights.
+    of_form : float
+        Log Bayes factor of its size, with the form of an identified simulation as its error.
     """
 
     score: EffectScore
@@ -92,6 +94,7 @@ class CandidateEffect:
     max_log_odds: float = np.inf
     lowers: bool = True
     identified: bool = False
+    of_form: float = np.inf
 
     @property
     def log_odds(self) -> float:
@@ -246,9 +249,10 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
             besides * np.log1p(max(0.0, log_bayes(one)) / _CLEAR),
             behind(one, [other for other, *_ in kept]),
         )
-        max_log_odds = min(np.inf if one.event else agreed(extended), beyond_form(extended)) - _AGREED
+        of_form = beyond_form(problem, extended)
+        max_log_odds = min(np.inf if one.event else agreed(extended), of_form) - _AGREED
         identified = problem.flights[0].is_identified
-        made.append(CandidateEffect(one, np.array(values, dtype=float), max_log_odds, lowers, identified))
+        made.append(CandidateEffect(one, np.array(values, dtype=float), max_log_odds, lowers, identified, of_form))
     return made
 
 
@@ -298,9 +302,9 @@ def first_probabilities(candidates: Sequence[CandidateEffect], white: float) -> 
     """
     if not candidates:
         return np.ones(1)
-    evidence = (white * max(log_bayes(one.score) for one in candidates) - _EVEN) / _SCALE
+    evidence = [min((white * log_bayes(c.score) - _EVEN) / _SCALE, c.of_form - _AGREED) for c in candidates]
     as_given = [one.log_odds_alone for one in candidates if one.lowers]
-    some = float(scipy.special.expit(max([evidence, *as_given])))
+    some = float(scipy.special.expit(max([*evidence, *as_given])))
     return np.array([1.0 - some, *(some * scipy.special.softmax([one.log_odds for one in candidates]))])
 
 
