@@ -117,8 +117,8 @@ class Filter:
         columns = np.ascontiguousarray(x if x.ndim == 2 else x[:, None])
         p, rows = len(self.own), len(x) - len(self.own)
         # Blocks of rows are multiplied by a band matrix, which is several times faster than a filter along each column.
-        one = np.concatenate([-self.own[::-1], [1.0], np.zeros(_BLOCK)])
-        band = np.stack([np.roll(one, k)[: _BLOCK + p] for k in range(_BLOCK)])
+        one = np.pad(np.append(-self.own[::-1], 1.0), _BLOCK - 1)
+        band = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(one, _BLOCK + p)[::-1])
         made = np.empty((rows, columns.shape[1]))
         for first in range(0, rows, _BLOCK):
             some = min(_BLOCK, rows - first)

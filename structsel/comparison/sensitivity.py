@@ -12,10 +12,20 @@ from structsel.comparison.responses import KINEMATIC, respond
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
-Sensitivity = Mapping[str, tuple[Array, Array]]
-"""By response, what an error e of a channel adds to the difference: ``A e + B e'``."""
+Sensitivity = Mapping[str, tuple[Array, Array | None]]
+"""By response, what an error e of a channel adds to the difference: ``A e + B e'``; B is None where it is zero."""
 
-_READ = (*AIRFRAME, "qbar_ratio", "rho", "thrust", "mass", "h", "vn", "ve", "vd")
+_BODY, _ANGLES = ("V", "alpha", "beta", "p", "q", "r", "ax", "ay", "az"), ("phi", "theta", "psi")
+_READ = {
+    COEFFICIENTS: (*_BODY, "qbar_ratio", "rho", "thrust", "mass"),
+    tuple(KINEMATIC): (*_BODY, *_ANGLES, "h", "vn", "ve", "vd"),
+}
+"""Responses, and the channels from which they are computed."""
+_DIFFERENTIATED = {
+    COEFFICIENTS: ("p", "q", "r"),
+    tuple(KINEMATIC): ("V", "alpha", "beta", "p", "q", "r", *_ANGLES, "h"),
+}
+"""The same, and the channels whose derivatives are in them."""
 _STEP = 1e-4  # of 1 rad, 1 rad/s or 1 m/s^2, and of 100 m/s: small beside every bend, large beside rounding
 _AT_ONCE = 4  # channels: the more, the more is worked out again for those that their errors do not touch
 _INERTIAL = ("ax", "ay", "az")
@@ -35,9 +45,8 @@ def _less_simulated(flight: Flight, channel: str) -> Sensitivity:
     if flight not in _KNOWN:
         _KNOWN[flight] = _measured(flight)
     made = dict(_KNOWN[flight].get(channel, {}))
-    nothing = np.zeros(len(flight))
     for r, answer in asked_wrongly(flight, channel).items():
-        A, B = made.get(r, (nothing, nothing))
+        A, B = made.get(r, (0.0, None))
         made[r] = A + answer, B
     return made
 
@@ -63,10 +72,11 @@ def misread(flight: Flight, **errors: Array | float) -> dict[str, Array]:
     """
     made: dict[str, Array] = {}
     for channel, e in errors.items():
-        error = np.broadcast_to(np.asarray(e, dtype=float), flight.t.shape)
-        rate = flight.rate(error)
-        for r, (A, B) in sensitivity(flight, channel).items():
-            added = A * error + B * rate
+        parts = sensitivity(flight, channel)
+        changes = np.ndim(e) > 0 and any(B is not None for _, B in parts.values())
+        rate = flight.rate(np.asarray(e, dtype=float)) if changes else None
+        for r, (A, B) in parts.items():
+            added = A * e if B is None or rate is None else A * e + B * rate
             made[r] = made[r] + added if r in made else added
     return made
 
@@ -79,42 +89,49 @@ def reading(flight: Flight, channel: str) -> Array:
 def _measured(flight: Flight) -> dict[str, Sensitivity]:
     """What each channel's error does to what was measured."""
     clean = {**flight.channels, **flight.expected}
-    wanted = tuple(r for r in flight.responses if r in COEFFICIENTS or r in KINEMATIC)
-    if not wanted or not set(AIRFRAME) <= set(clean):
+    made: dict[str, dict[str, tuple[Array, Array | None]]] = {}
+    if not set(AIRFRAME) <= set(clean):
         return {}
-    names = [c for c in _READ if c in clean]
-    made: dict[str, Sensitivity] = {}
-    for i in range(0, len(names), _AT_ONCE):
-        made |= _measured_of(names[i : i + _AT_ONCE], flight, clean, wanted)
-    return made
+    for kind, read in _READ.items():
+        wanted = tuple(r for r in flight.responses if r in kind)
+        # Kinematics does not ask what the simulation says of forces, which may lack a good part of them.
+        channels = clean if kind == COEFFICIENTS else {**clean, **{c: flight.channels[c] for c in _INERTIAL}}
+        names = [c for c in read if c in clean] if wanted else []
+        for i in range(0, len(names), _AT_ONCE):
+            some = names[i : i + _AT_ONCE]
+            moving = [c for c in some if c in _DIFFERENTIATED[kind]]
+            for c, one in _measured_of(some, moving, flight, channels, wanted).items():
+                made.setdefault(c, {}).update(one)
+    return dict(made)
 
 
 def _measured_of(
-    names: Sequence[str], flight: Flight, clean: Mapping[str, Array], wanted: tuple[str, ...]
-) -> dict[str, Sensitivity]:
-    """The same of a few channels: a constant error and a ramp of each, side by side."""
-    # Kinematics does not ask what the simulation says of forces, which may lack a good part of them.
-    felt = {c: flight.channels[c] for c in _INERTIAL}
+    names: Sequence[str], moving: Sequence[str], flight: Flight, channels: Mapping[str, Array], wanted: tuple[str, ...]
+) -> dict[str, dict[str, tuple[Array, Array | None]]]:
+    """The same of a few channels: a constant error of each and a ramp of those that are differentiated, in columns."""
     n, k = len(flight), len(names)
     span = float(np.ptp(flight.t))
     ramp = (flight.t - flight.t.mean()) / span
-    steps = np.array([100.0 * _STEP if c == "V" else _STEP for c in names])
-    sides: tuple[dict[str, Array], ...] = ({}, {})
-    for side, sign in zip(sides, (0.5, -0.5)):
-        off = {c: np.zeros((n, 2 * k)) for c in names}
+    steps = {c: 100.0 * _STEP if c == "V" else _STEP for c in names}
+    column = {c: k + j for j, c in enumerate(moving)}
+    sides = []
+    for sign in (0.5, -0.5):
+        off = {c: np.zeros((n, k + len(moving))) for c in names}
         for j, c in enumerate(names):
-            off[c][:, j], off[c][:, k + j] = sign * steps[j], sign * steps[j] * ramp
+            off[c][:, j] = sign * steps[c]
+            if c in column:
+                off[c][:, column[c]] = sign * steps[c] * ramp
         off |= {f"{c}_dot": flight.rate(off[c]) for c in ("p", "q", "r") if c in off}
-        for channels, kind in ((clean, COEFFICIENTS), ({**clean, **felt}, KINEMATIC)):
-            ch = {c: x[:, None] for c, x in channels.items()}  # what no error touches is worked out once
-            ch |= {c: ch[c] + e for c, e in off.items()}
-            side |= respond(ch, flight.aircraft, flight.dt, tuple(r for r in wanted if r in kind))
-    change = {r: (sides[0][r] - sides[1][r]) / np.tile(steps, 2) for r in wanted}
-    return {
-        c: {
-            r: (x[:, j].copy(), (x[:, k + j] - x[:, j] * ramp) * span)
-            for r, x in change.items()
-            if np.any(x[:, [j, k + j]])
-        }
-        for j, c in enumerate(names)
-    }
+        ch = {c: x[:, None] for c, x in channels.items()}  # what no error touches is worked out once
+        ch |= {c: ch[c] + e for c, e in off.items()}
+        sides.append(respond(ch, flight.aircraft, flight.dt, wanted))
+    size = np.array([*steps.values(), *(steps[c] for c in moving)])
+    change = {r: np.broadcast_to(sides[0][r] - sides[1][r], (n, len(size))) / size for r in wanted}
+    made: dict[str, dict[str, tuple[Array, Array | None]]] = {}
+    for j, c in enumerate(names):
+        for r, x in change.items():
+            slow = x[:, j].copy()
+            quick = (x[:, column[c]] - slow * ramp) * span if c in column else None
+            if slow.any() or (quick is not None and quick.any()):
+                made.setdefault(c, {})[r] = slow, quick
+    return made
