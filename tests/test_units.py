@@ -18,7 +18,8 @@ from structsel.readers.units import convert, is_convertible
 UNITS = [
     ("deg", "rad"), ("deg/s", "rad/s"), ("deg/s^2", "rad/s^2"), ("ft", "m"), ("knot", "m/s"), ("ft/s", "m/s"),
     ("mph", "m/s"), ("km/h", "m/s"), ("hPa", "Pa"), ("psi", "Pa"), ("lbf", "N"), ("slug/ft^3", "kg/m^3"),
-    ("degC", "K"), ("degF", "K"), ("percent", "-"), ("lb", "kg"), ("g", "kg"), ("ms", "s"), ("rad/s", "rpm"),
+    ("degC", "K"), ("degF", "K"), ("percent", "-"), ("lb", "kg"), ("g", "kg"), ("ms", "s"), ("us", "s"), ("min", "s"),
+    ("rad/s", "rpm"),
 ]  # fmt: skip
 
 
@@ -52,6 +53,7 @@ def test_degrees_become_radians_and_back(x):
         ("mil", "rad", 1e-3),
         ("mb", "Pa", 100.0),
         ("KT", "m/s", 1852.0 / 3600.0),
+        ("kt", "m/s", 1852.0 / 3600.0),
         ("%", "-", 0.01),
         ("1/s", "rad/s", 1.0),
         ("-", "rad", 1.0),

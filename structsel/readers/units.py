@@ -24,6 +24,12 @@ _AVIATION = {
 }  # fmt: skip
 """Names that mean something else to pint (NM a nanometre, mb a millibarn) or nothing; a mil is that of a head-up
 display, 1/1000 rad."""
+_FACTORS = {
+    ("deg", "rad"): np.pi / 180.0, ("deg/s", "rad/s"): np.pi / 180.0, ("kt", "m/s"): 1852.0 / 3600.0,
+    ("ft/s", "m/s"): 0.3048, ("km/h", "m/s"): 1.0 / 3.6, ("g", "m/s^2"): 9.80665, ("ft", "m"): 0.3048,
+    ("ms", "s"): 1e-3, ("us", "s"): 1e-6, ("min", "s"): 60.0,
+}  # fmt: skip
+"""Factors of units that a check tries on recordings that state none: pint takes half a second to load."""
 _WORD = re.compile(r"[A-Za-z]+")
 _BARE_POWER = re.compile(r"(?<=[A-Za-z])(-?\d)")
 
@@ -90,6 +96,8 @@ def convert(values: np.ndarray, unit: str, target: str) -> np.ndarray:
     -------
     (n,) array [target]
     """
+    if (factor := _FACTORS.get((unit, target))) is not None:
+        return factor * np.asarray(values, dtype=np.float64)
     source, goal = _parse(unit, mass=target == "kg"), _parse(target)
     registry = _registry()
     if _base(source) != _base(goal):
