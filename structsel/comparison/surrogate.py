@@ -36,6 +36,7 @@ _KNOTS, _TAIL = 7, 0.01
 """Breakpoints in the angle of attack, at even distances between its quantiles: tables bend near a stall."""
 _BENDS = 0.85  # of the squared error of a polynomial in blocks left out, below which splines follow a bend
 _BLOCK, _FOLDS = 2.0, 6  # s; and parts of the blocks, each left out in turn
+_ROUNDING = 1e-12  # of a sum of squares
 _WITH_KNOT: tuple[tuple[str, ...], ...] = ((), ("beta",))
 _HATS = {"p_hat": "p", "q_hat": "q", "r_hat": "r"}
 _TINY = 1e-9
@@ -323,11 +324,15 @@ def _error_left_out(X: Array, y: Array, ends: NDArray[np.intp], block: NDArray[n
     """Sum of squared errors in blocks left out, with a constant for each flight: its own level tells nothing."""
     flight = np.repeat(np.arange(len(ends) + 1), np.diff([0, *ends, len(y)]))
     columns = np.column_stack([X, flight[:, None] == np.arange(len(ends) + 1)])
+    columns = columns / np.maximum(np.sqrt((columns**2).sum(axis=0)), 1e-300)
+    parts = [(columns[block % _FOLDS == fold], y[block % _FOLDS == fold]) for fold in range(_FOLDS)]
+    squares, products = np.stack([C.T @ C for C, _ in parts]), np.stack([C.T @ z for C, z in parts])
     total = 0.0
-    for fold in range(_FOLDS):
-        out = block % _FOLDS == fold
-        values = np.linalg.lstsq(columns[~out], y[~out])[0]
-        total += float(((y[out] - columns[out] @ values) ** 2).sum())
+    for (C, z), own, with_z in zip(parts, squares, products):
+        # The least ridge: a flight may be left out completely.
+        known = squares.sum(axis=0) - own + _ROUNDING * np.eye(len(own))
+        values = np.linalg.solve(known, products.sum(axis=0) - with_z)
+        total += float(((z - C @ values) ** 2).sum())
     return total
 
 

@@ -51,7 +51,7 @@ class SoughtChange:
         return ramp(flight.t, self.start, self.duration)
 
 
-def ramp(t: Array, start: float, duration: float) -> Array:
+def ramp(t: Array, start: float | Array, duration: float) -> Array:
     """Zero to one from `start` within `duration`; at once where that is zero."""
     if duration <= 0.0:
         return (t >= start).astype(float)
@@ -165,12 +165,11 @@ class _Sought:
 
     def _fitted(self, starts: Array, duration: float) -> tuple[Array, Array]:
         """(s, r) sizes of changes from each start, and (s,) sums of squares of their columns."""
-        S = _centred(np.column_stack([ramp(self.t, s, duration) for s in starts]))
+        S = _centred(ramp(self.t[:, None], starts, duration))
         total = (S**2).sum(axis=0)
-        S = S - self.basis @ (self.basis.T @ S)
         # A change that the channels themselves describe cannot be separated from them.
-        norm = np.maximum((S**2).sum(axis=0), _OWN * total)
-        return (S.T @ self.left) / norm[:, None], norm
+        norm = np.maximum(total - ((self.basis.T @ S) ** 2).sum(axis=0), _OWN * total)
+        return (S.T @ self.left) / norm[:, None], norm  # what is left is orthogonal to the basis
 
     def _gains(self, explained: Array) -> Array:
         """(s,) gains of changes that take (s, r) of the sums of squares of the responses."""
