@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import BSpline, make_smoothing_spline
 from scipy.signal import butter, sosfiltfilt
 
 from structsel.errors import DataError, StructselWarning
 from structsel.numerics.fourier_series import smooth_fourier
 from structsel.numerics.signal_quality import is_sample_and_hold, largest_noise_level, noise_level
-from structsel.numerics.smoothing import smooth_spline
+from structsel.numerics.smoothing import smooth_spline, smooth_splines
 
 from .signals import sine, step_response
 
@@ -191,6 +191,18 @@ def test_the_spline_takes_an_uneven_clock():
     got = smooth_spline(np.sin(t) + 0.05 * rng.standard_normal(t.size), t)
     error = (got.derivative - np.cos(t))[30:-30]
     assert 0.6 < np.sqrt(np.mean(error**2) / np.mean(got.derivative_std[30:-30] ** 2)) < 1.3
+
+
+def test_channels_smoothed_together_are_those_smoothed_one_by_one(response):
+    t, states, _ = response
+    rng = np.random.default_rng(8)
+    channels = [x + 0.01 * x.std() * rng.standard_normal(t.size) for x in states.T]
+    for one, x in zip(smooth_splines(channels, t, order=3), channels, strict=True):
+        alone = smooth_spline(x, t, order=3)
+        assert one.cutoff == alone.cutoff
+        assert_array_equal(one.values, alone.values)
+        assert_array_equal(one.derivative_std, alone.derivative_std)
+    assert smooth_splines([], t, order=3) == []
 
 
 @pytest.mark.parametrize("method", ["spline", "fourier"])
