@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from structsel.diagnosis import ranking, weighing
+from structsel.diagnosis import assembling, ranking, weighing
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.diagnose import unpredicted
 from structsel.diagnosis.notes import notes
@@ -64,6 +64,21 @@ def test_an_effect_that_leaves_much_of_its_own_responses_has_a_warning_and_one_t
     assert [one.effect for one in seen.physics].count("unknown") == 1
     right = found("wrong-derivative", "control-nonlinearity")
     assert (right.effect, right.ambiguous_with) == ("control-nonlinearity", ())
+
+
+def test_an_effect_that_adds_nearly_nothing_to_others_is_no_finding(monkeypatch):
+    flights = flights_with({"Cl": {"da^3": -20.0}, "CZ": {"alpha^2": -6.0}})
+    found = rank(*tried(flights, "control-nonlinearity", "missing-term"))
+    both = {"control-nonlinearity", "missing-term"}
+    # The second explains a hundredth of what both do, but much of CZ.
+    assert {f.effect for f in make_findings(found, lambda axes: {})} == both
+    assert found.only(both) is found
+    monkeypatch.setattr(assembling, "_NEGLIGIBLE", 0.9)
+    (finding,) = make_findings(found, lambda axes: {})
+    assert (finding.effect, finding.fraction) == ("control-nonlinearity", 1.0)
+    (step,) = found.only({finding.effect}).steps
+    assert step.score.effect == finding.effect
+    assert [s.hypothesis.name for s in step.problem.accepted] == [finding.effect]
 
 
 def test_timing_that_other_flights_do_not_confirm_keeps_its_stated_value():

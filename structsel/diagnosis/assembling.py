@@ -24,6 +24,10 @@ from structsel.numerics.arrays import Array
 
 _SHOWN = 0.15  # fraction of the largest gain from which a response is listed
 _LEAST = 0.01
+_NEGLIGIBLE = 0.02
+"""Fraction of what the others leave of a response, below which one of several effects is no finding if it explains no
+more of any response. In the evaluation with seeds from 1096000 and in 41 cases of an independent generator five effects
+were below 0.014, all false; true ones had 0.06 or more."""
 _UNKNOWN_SAYS = "A cause that is not in the library."
 _TEMPERATURE, _OF_BEST = 4.0, 0.02
 """Temperature of the weights of forms, because rows are only nearly white; and its least value over the log evidence of
@@ -61,6 +65,25 @@ def gather(ranking: Ranking) -> list[Member]:
     return [Member(tuple(ranking.steps[k] for k in each), tuple(each)) for each in groups.values()]
 
 
+def squares_left(problem: DiagnosisProblem, members: Sequence[Member]) -> Array:
+    """Sum of squares of the residual of each judged response with some of the effects in the model, fitted again."""
+    rest = problem.subset([k for m in members for k in m.places]).fitted_residuals
+    return np.array([sum(float(np.sum(e[r.part(c)] ** 2)) for r, e in rest) for c in problem.judged_responses])
+
+
+def needed(problem: DiagnosisProblem, members: Sequence[Member]) -> list[Member]:
+    """Effects without those that explain a negligible fraction of what the others leave, the least needed first."""
+    kept = list(members)
+    while len(kept) > 1:
+        all_left = squares_left(problem, kept)
+        without = [squares_left(problem, [*kept[:i], *kept[i + 1 :]]) for i in range(len(kept))]
+        adds = [float(np.max(1.0 - all_left / np.maximum(left, np.finfo(float).tiny))) for left in without]
+        if min(adds) >= _NEGLIGIBLE:
+            break
+        del kept[int(np.argmin(adds))]
+    return kept
+
+
 def explained_fractions(problem: DiagnosisProblem, members: Sequence[Member]) -> list[float]:
     """Fraction of the mismatch that each finding explains: its mean gain over all orders of entering (Shapley value).
 
@@ -77,10 +100,7 @@ def explained_fractions(problem: DiagnosisProblem, members: Sequence[Member]) ->
 
     def left(taken: frozenset[int]) -> Array:
         if taken not in known:
-            rest = problem.subset([k for i in sorted(taken) for k in members[i].places]).fitted_residuals
-            known[taken] = np.array(
-                [sum(float(np.sum(e[r.part(c)] ** 2)) for r, e in rest) for c in problem.judged_responses]
-            )
+            known[taken] = squares_left(problem, [members[i] for i in sorted(taken)])
         return known[taken]
 
     made = np.zeros(len(members))
@@ -172,7 +192,7 @@ def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping
         Some responses to the fraction of the mismatch of each that a regression model predicts.
     """
     problem = ranking.problem
-    members = gather(ranking)
+    members = needed(problem, gather(ranking))
     if not members:
         return []
     plain = problem.as_given

@@ -154,9 +154,10 @@ def conclude(
         wanted = [c for c in responses if c in axes]
         return explainable(flights, [f.difference for f in flights], wanted) if wanted else {}
 
+    findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling)]
+    ranking = ranking.only({f.effect for f in findings})
     traces = traces_of(ranking)
     left = residuals(ranking.problem)
-    findings = [with_separation(f, ranking) for f in make_findings(ranking, ceiling)]
     if turbulence is None:
         findings += find_unknown(ranking, left, responses, ceiling)
         if not findings:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import softmax
@@ -93,6 +93,15 @@ class Ranking:
     def problem(self) -> DiagnosisProblem:
         """Problem with all effects that were found."""
         return self.steps[-1].problem if self.steps else self.start
+
+    def only(self, effects: Collection[str]) -> Ranking:
+        """The ranking with the steps of some of the effects that were found."""
+        kept = [k for k, s in enumerate(self.steps) if s.score.effect in effects]
+        if len(kept) == len(self.steps):
+            return self
+        steps = [self.steps[k] for k in kept]
+        steps[-1] = replace(steps[-1], problem=self.problem.subset(kept))
+        return replace(self, steps=tuple(steps))
 
     @property
     def input_only(self) -> DiagnosisProblem | None:
