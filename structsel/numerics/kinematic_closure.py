@@ -15,7 +15,7 @@ with u, v, w from airspeed and vanes. Arrays only.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import scipy
@@ -44,41 +44,43 @@ USES = {
 """Equation: all channels in it."""
 
 
-def window_means(t: Array, values: Array, samples: int) -> Array:
-    """(n - samples,) mean of a signal from each sample to the one so many samples later, by the trapezoidal rule.
+Windowed = Callable[[int], Array]
+"""(n - samples,) values over the windows from each sample to the one so many samples later."""
 
-    NaN where a sample of the window is not finite.
-    """
+
+def window_means(t: Array, values: Array) -> Windowed:
+    """Means of a signal by the trapezoidal rule; NaN where a sample of the window is not finite."""
     finite = np.isfinite(values)
     integral = scipy.integrate.cumulative_trapezoid(np.where(finite, values, 0.0), t, initial=0.0)
     missing = np.concatenate(([0], np.cumsum(~finite)))
-    complete = missing[samples + 1 :] == missing[: -samples - 1]
-    return np.where(complete, (integral[samples:] - integral[:-samples]) / (t[samples:] - t[:-samples]), np.nan)
+
+    def means(samples: int) -> Array:
+        complete = missing[samples + 1 :] == missing[: -samples - 1]
+        return np.where(complete, (integral[samples:] - integral[:-samples]) / (t[samples:] - t[:-samples]), np.nan)
+
+    return means
 
 
-def window_slopes(t: Array, values: Array, samples: int) -> Array:
-    """(n - samples,) mean derivative of a signal from each sample to the one so many samples later."""
-    return np.asarray((values[samples:] - values[:-samples]) / (t[samples:] - t[:-samples]))
+def window_slopes(t: Array, values: Array) -> Windowed:
+    """Mean derivatives of a signal."""
+    return lambda samples: np.asarray((values[samples:] - values[:-samples]) / (t[samples:] - t[:-samples]))
 
 
 def closure_sides(
     t: Array,
     channels: Mapping[str, Array],
-    samples: int,
     equations: Sequence[str],
     *,
     g: float | Array,
     vane_position: Array | None = None,
-) -> dict[str, tuple[Array, Array]]:
-    """Both sides of equations, averaged over windows of so many samples.
+) -> dict[str, tuple[Windowed, Windowed]]:
+    """Both sides of equations, averaged over windows of any number of samples.
 
     Parameters
     ----------
     t : (n,) array [s]
     channels : mapping of str to (n,) array
         SI units, radians; ``p, q, r, phi, beta`` are zero if absent. NaN where not sampled.
-    samples : int
-        k, below n.
     equations : sequence of str
         Those wanted; their `NEEDS` must be in `channels`.
     g : float [m/s^2]
@@ -87,8 +89,8 @@ def closure_sides(
 
     Returns
     -------
-    dict of str to ((n - k,) array, (n - k,) array)
-        Left side and right side [rad/s, m/s^2 or m/s].
+    dict of str to (callable, callable)
+        Left side and right side [rad/s, m/s^2 or m/s], from the number of samples of a window, below n.
     """
     zero = np.zeros(len(t))
     phi, theta, p, q, r = (channels.get(name, zero) for name in ("phi", "theta", "p", "q", "r"))
@@ -100,19 +102,21 @@ def closure_sides(
             rotation = cross((p, q, r), tuple(vane_position))
             u, v, w = u - rotation[0], v - rotation[1], w - rotation[2]
 
-    def mean(x: Array) -> Array:
-        return window_means(t, x, samples)
+    def mean(x: Array) -> Windowed:
+        return window_means(t, x)
 
-    def change(x: Array) -> Array:
-        return window_slopes(t, x, samples)
+    def change(x: Array, added: Array | None = None) -> Windowed:
+        """Mean derivative, plus the mean of another signal."""
+        slopes, means = window_slopes(t, x), None if added is None else window_means(t, added)
+        return slopes if means is None else lambda samples: slopes(samples) + means(samples)
 
     made = {
-        "p": lambda: (mean(p), change(phi) - mean((q * sf + r * cf) * st / ct)),
-        "q": lambda: (mean(q), change(theta) + mean(r * sf + q * (1.0 - cf))),
-        "r": lambda: (mean(r), change(channels["psi"]) - mean((q * sf + r * cf) / ct - r)),
-        "ax": lambda: (mean(channels["ax"]), change(u) + mean(g * st + q * w - r * v)),
-        "ay": lambda: (mean(channels["ay"]), change(v) - mean(g * ct * sf - r * u + p * w)),
-        "az": lambda: (mean(channels["az"]), change(w) - mean(g * ct * cf - p * v + q * u)),
+        "p": lambda: (mean(p), change(phi, -((q * sf + r * cf) * st / ct))),
+        "q": lambda: (mean(q), change(theta, r * sf + q * (1.0 - cf))),
+        "r": lambda: (mean(r), change(channels["psi"], -((q * sf + r * cf) / ct - r))),
+        "ax": lambda: (mean(channels["ax"]), change(u, g * st + q * w - r * v)),
+        "ay": lambda: (mean(channels["ay"]), change(v, -(g * ct * sf - r * u + p * w))),
+        "az": lambda: (mean(channels["az"]), change(w, -(g * ct * cf - p * v + q * u))),
         "h": lambda: (change(channels["h"]), mean(u * st - (v * sf + w * cf) * ct)),
     }
     return {name: made[name]() for name in equations}

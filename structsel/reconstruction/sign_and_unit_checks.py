@@ -205,12 +205,13 @@ def _equation_residuals(
         return None
 
     equations = ("q", "ax", "az", "h", "p", "r", "ay") if lateral else ("q", "ax", "az", "h")
-    pairs = closure_sides(t, c, k, equations, g=problem.g, vane_position=c[_POSITION])
+    sides = closure_sides(t, c, equations, g=problem.g, vane_position=c[_POSITION])
     speed = float(np.nanmedian(np.abs(c["V"])))
     each = np.sqrt(2.0) / (k * float(np.median(np.diff(t))))
     noise = {name: each * c[f"noise of {of}"] * by for name, (of, by) in _slopes_noise(speed).items()}
     found = {}
-    for name, (measured, expected) in pairs.items():
+    for name, (left, right) in sides.items():
+        measured, expected = left(k), right(k)
         good = np.isfinite(measured) & np.isfinite(expected)
         if good.sum() < _MIN_SAMPLES:
             continue

@@ -144,13 +144,11 @@ def _closures(parts: Sequence[Mapping[str, np.ndarray]], of: Iterable[str] | Non
     if not equations:
         return best
     turned = [{**part, **{name: _unwrapped(part[name]) for name in ("phi", "psi") if name in part}} for part in parts]
+    sides = [(len(part["t"]), closure_sides(part["t"], part, equations, g=G0)) for part in turned]
     for samples in _WINDOWS:
-        sides = [
-            closure_sides(part["t"], part, samples, equations, g=G0) for part in turned if len(part["t"]) > 2 * samples
-        ]
+        long = [one for n, one in sides if n > 2 * samples]
         for name in equations:
-            left = np.concatenate([s[name][0] for s in sides]) if sides else np.empty(0)
-            right = np.concatenate([s[name][1] for s in sides]) if sides else np.empty(0)
+            left, right = (np.concatenate([np.empty(0), *(one[name][k](samples) for one in long)]) for k in range(2))
             made = _closure(left, right, samples, _QUIET[name] if of is None else 0.0)
             if made is not None and (name not in best or abs(made.rho) > abs(best[name].rho)):
                 best[name] = made
