@@ -37,11 +37,11 @@ def self_test(problem: DiagnosisProblem, library: Library) -> dict[str, dict[str
         tried = [(s, _strength(problem, s)) for s in library.of(hypothesis.name)]
         forms.append(max(tried, key=lambda item: item[1]))
     k = len(problem.nuisances)
-    W = [np.column_stack([B[:, :k], *(r.whiten(s.spectra[i], s.width) for s, _ in forms)])
-         for i, (r, B) in enumerate(zip(problem.rows, problem.base.B))]  # fmt: skip
-    G = np.sum([w.T @ w for w in W], axis=0)
-    inner = np.linalg.solve(np.eye(k) + G[:k, :k], G[:k, k:])
-    S = G[k:, k:] - G[:k, k:].T @ inner
+    scale = problem.base.scales[problem.base.chosen][:k]
+    each = [np.column_stack([r.whiten(s.spectra[i], s.width) for s, _ in forms]) for i, r in enumerate(problem.rows)]
+    cross = scale[:, None] * np.sum([B[:, :k].T @ H for B, H in zip(problem.base.given, each)], axis=0)
+    own = scale[:, None] * problem.base.total.A[:k, :k] * scale
+    S = np.sum([H.T @ H for H in each], axis=0) - cross.T @ np.linalg.solve(np.eye(k) + own, cross)
     at = np.concatenate([[0], np.cumsum([s.width for s, _ in forms])])
     parts = [slice(a, b) for a, b in pairwise(at)]
     made: dict[str, dict[str, float]] = {}
@@ -70,7 +70,7 @@ def _strength(problem: DiagnosisProblem, signature: Signature) -> float:
     total = 0.0
     for r, spectra in zip(problem.rows, signature.spectra):
         for c, x in spectra.items():
-            total += float(np.sum((x * r.weight[c][:, None]) ** 2))
+            total += float(np.sum((x.T * r.weight[c]) ** 2))
     return total
 
 

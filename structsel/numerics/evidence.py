@@ -151,6 +151,8 @@ class Base:
 
     Attributes
     ----------
+    total : NormalEquations
+        Of all manoeuvres, without the factors.
     evidence : (t, 1 + m) array
         Log evidence at each set of factors, of all manoeuvres and without each.
     chosen : int
@@ -182,15 +184,15 @@ class Base:
         """Set up with known products of each manoeuvre; columns are in blocks. `factors` are those of `_factorise`."""
         self.y, self._blocks, self._products = list(y), list(blocks), list(products)
         self.groups = [(m,) for m in range(len(self.y))] if groups is None else list(groups)
-        total = _sum(self._products)
-        self.scales = np.ones((1, len(total.b))) if scales is None else scales
+        self.total = _sum(self._products)
+        self.scales = np.ones((1, len(self.total.b))) if scales is None else scales
         self._inverse, self._rotated = factors or self._factorise()
         logs = np.log(np.diagonal(self._inverse, axis1=-2, axis2=-1)).sum(axis=-1)
         self.evidence = logs - 0.5 * (self._all_and_without([p.c for p in products]) - (self._rotated**2).sum(axis=-1))
         self.chosen = int(np.argmax(self.evidence[:, 0]))
         self.solved = (np.swapaxes(self._inverse[self.chosen], -1, -2) @ self._rotated[self.chosen][..., None])[..., 0]
         scale, inverse, mean = self.scales[self.chosen], self._inverse[self.chosen, 0], self.solved[0]
-        chi2 = chi2_of(total, scale * mean)
+        chi2 = chi2_of(self.total, scale * mean)
         self.posterior = Posterior(mean, inverse.T @ inverse, float(self.evidence[self.chosen, 0]), chi2)
 
     def _all_and_without(self, each: Sequence[Any] | Array) -> Array:

@@ -109,13 +109,15 @@ def bounds_of_flags(flights: Sequence[Flight], flags: Sequence[Flags], seed: int
         return {}
     reached = {c: _separation(values[c], together) for c in names}
     first = max(names, key=lambda c: reached[c])
+    if reached[first] < _SEPARATES:
+        return {}
     rng = np.random.default_rng(seed)
     at_random = []
     for _ in range(_TIMINGS):
         other = _retimed(on, rng)
         at_random.append(max(_separation(values[c], other) for c in names))
     p = (1.0 + sum(x >= reached[first] for x in at_random)) / (_TIMINGS + 1.0)
-    if reached[first] < _SEPARATES or p > _SIGNIFICANCE:
+    if p > _SIGNIFICANCE:
         return {}
     made = {first: _bound(values[first], together, reached[first], p)}
     inside = _inside(values[first], together)
