@@ -161,6 +161,41 @@ def test_an_output_that_overflows_is_found_at_its_limit():
     assert_allclose(found.values["fraction"], 1.0, rtol=1e-6)
 
 
+def two_tanks(seed, limit, spilled):
+    """Level of the lower of two linear tanks whose upper one overflows, part of it into the lower one."""
+    dt, tau = 1.0, (40.0, 60.0)
+    rng = np.random.default_rng(seed)
+    u = np.clip(np.repeat(rng.uniform(0.5, 5.5, 20), 50), 0.0, None)
+    u = np.convolve(np.pad(u, 15, mode="edge"), np.hanning(31) / np.hanning(31).sum(), mode="valid")
+    level = np.full((2, len(u)), u[0])
+    for k in range(1, len(u)):
+        upper = level[0, k - 1] + dt / tau[0] * (u[k - 1] - level[0, k - 1])
+        over = max(upper - limit, 0.0) * tau[0] / dt
+        level[0, k] = min(upper, limit)
+        level[1, k] = level[1, k - 1] + dt / tau[1] * (level[0, k - 1] + spilled * over - level[1, k - 1])
+    return u, level[1]
+
+
+def test_a_state_that_overflows_between_input_and_response_is_found_with_its_limit():
+    parts = []
+    for seed in range(4):
+        (u, measured), (_, stated) = two_tanks(seed, 3.5, 0.4), two_tanks(seed, np.inf, 0.0)
+        parts.append((u, measured, stated))
+    flights = rig(parts, 1.0, "y")
+    assert_allclose(
+        find_plant(flights, "y").time_constant(1.0), 49.0, rtol=0.05
+    )  # the mean of 1/40 and 1/60 per second
+    order, _ = ranking(flights)
+    assert order[0] == "saturation"
+    found = best(flights, effect_named("saturation"))
+    assert found.variant.about == "between u and y"
+    assert found.explained > 0.9
+    assert_allclose(found.variant.shape["limit"], 3.5, rtol=0.15)
+    # What swings is no row of lags.
+    u, _, stated = mechanism(None)
+    assert find_plant(rig([(u, stated, stated)], 0.02, "y"), "y").time_constant(0.02) == 0.0
+
+
 def test_the_linear_plant_is_found_from_its_input_and_output():
     u, _, stated = mechanism(None)
     plant = find_plant(rig([(u, stated, stated)], 0.02, "y"), "y")

@@ -31,6 +31,7 @@ _OF_FLIGHT = {"V", "phi", "theta", "psi", "vn", "ve", "vd", "ax", "ay", "az"}
 _FLYING = 3  # of these channels, from which a recording is of a vehicle, whose motion is no mechanism's
 _HIGHEST = 2.0  # rad per sample, above which a discrete gain is no longer that of the plant
 _FALLS = 2.9  # by which a gain falls within an octave: inertia makes it four and more, a lag alone two
+_DAMPED = 0.7  # damping ratio from which a plant is a row of lags
 _SLIGHTLY = 1e-3  # by which a parameter is changed to see what that does
 _REAL = 1e-6  # of a pole's size, below which its imaginary part is rounding
 
@@ -162,6 +163,12 @@ class Plant:
         poles = self._slowest(dt)
         return float(np.abs(poles).max()) / (2.0 * np.pi) if len(poles) else 0.0
 
+    def time_constant(self, dt: float) -> float:
+        """Time constant [s] of a plant of two or more lags in a row; zero of a simpler one, or of one that swings."""
+        poles = self._slowest(dt)
+        damped = len(poles) == 2 and bool(np.all(-poles.real > _DAMPED * np.abs(poles)))
+        return 1.0 / float(np.abs(poles).mean()) if damped and self.source and not self.along else 0.0
+
     def _slowest(self, dt: float) -> Array:
         """The slowest pole [rad/s] and its conjugate, or where it is real the slowest two that are; fewer of fewer."""
         z = np.roots(self.a).astype(complex)
@@ -184,37 +191,46 @@ def find_plants(flights: Flights, response: str) -> list[Plant]:
     moved = rms_within(f.measured[response] for f in held)
     made = []
     for along, sense, r2_motion in motions:
-        _, source, b, a = _input_of(first, response, first.recorded - {"t", *first.simulated, *along})
+        _, source, b, a = _input_of(held, response, first.recorded - {"t", *first.simulated, *along})
         if r2_motion >= _NEEDED or not source:
             moves, paces = (rms_within(f.channels[c] for f in held) if c else 0.0 for c in along)
             made.append(Plant(response, source, b, a, moved, moves or paces, paces, along, sense))
     if made:
         return made
-    _, source, b, a = _input_of(first, response, first.recorded - {"t", *first.simulated})
+    _, source, b, a = _input_of(held, response, first.recorded - {"t", *first.simulated})
     u = first.raw[source] if source else first.simulated[response][:_SAMPLES]
     speed = np.concatenate([f.rate(f.measured[response]) for f in held])
     return [Plant(response, source, b, a, _rms(u - u.mean()), moved, _rms(speed))]
 
 
-def _input_of(flight: Flight, response: str, channels: Iterable[str]) -> tuple[float, str, Array, Array]:
-    """R2, channel and transfer function with the highest R2 for a simulated response; no channel where none fits."""
-    simulated = flight.simulated[response][:_SAMPLES]
-    y = simulated - simulated.mean()
+def _input_of(flights: Flights, response: str, channels: Iterable[str]) -> tuple[float, str, Array, Array]:
+    """R2, channel and transfer function with the highest R2 for a simulated response; no channel where none fits.
+
+    The flights have one transfer function and one constant, and each has a first state of its own.
+    """
+    y = [f.simulated[response][:_SAMPLES] for f in flights]
+    power = float(np.sum(centred(y) ** 2))
     best: tuple[float, str, Array, Array] = (_LEAST_R2, "", np.ones(1), np.ones(1))
     for name in sorted(channels):
-        u = flight.raw[name][:_SAMPLES]
-        u = u - u.mean()
-        if not u.any():
+        u = [f.raw[name][:_SAMPLES] for f in flights]
+        if not any(np.ptp(x) for x in u) or power == 0.0:
             continue
         for order in _ORDERS:
-            b, a = _transfer(u, y, order)
+            b, a, constant = _transfer(u, y, order)
             if np.abs(np.roots(a)).max(initial=0.0) >= 1.0:
                 continue
-            left = y - scipy.signal.lfilter(b, a, u)
-            r2 = 1.0 - float(left @ left) / float(y @ y) if y.any() else 0.0
-            if r2 > best[0] + 1e-6:
-                best = (r2, name, b, a)
+            rest = constant / a.sum()  # of the response to no input
+            left = sum(float(np.sum((one - rest - _from_first(b, a, x, one - rest)) ** 2)) for x, one in zip(u, y))
+            if 1.0 - left / power > best[0] + 1e-6:
+                best = (1.0 - left / power, name, b, a)
     return best
+
+
+def _from_first(b: Array, a: Array, u: Array, y: Array) -> Array:
+    """Response to an input from the state that the first samples of the response have."""
+    order = len(a) - 1
+    state = scipy.signal.lfiltic(b, a, y[:order][::-1], u[:order][::-1])
+    return np.concatenate([y[:order], scipy.signal.lfilter(b, a, u[order:], zi=state)[0]])
 
 
 def of_vehicle(flights: Flights) -> bool:
@@ -278,11 +294,16 @@ def _rising(flights: Flights, rates: Sequence[Array], least: float) -> str | Non
     return best if best is not None and alike[best] > least else None
 
 
-def _transfer(u: Array, y: Array, order: int) -> tuple[Array, Array]:
-    n = len(y)
-    rows = [-y[order - k : n - k] for k in range(1, order + 1)] + [u[order - k : n - k] for k in range(order + 1)]
-    values = scipy.linalg.lstsq(np.column_stack(rows), y[order:], lapack_driver="gelsy")[0]
-    return values[order:], np.concatenate([[1.0], values[:order]])
+def _transfer(u: Sequence[Array], y: Sequence[Array], order: int) -> tuple[Array, Array, float]:
+    """Discrete transfer function of an order and a constant, by least squares over all flights."""
+    rows = []
+    for x, one in zip(u, y):
+        n = len(one)
+        past = [-one[order - k : n - k] for k in range(1, order + 1)]
+        rows.append(np.column_stack([*past, *(x[order - k : n - k] for k in range(order + 1)), np.ones(n - order)]))
+    goal = np.concatenate([one[order:] for one in y])
+    values = scipy.linalg.lstsq(np.vstack(rows), goal, lapack_driver="gelsy")[0]
+    return values[order:-1], np.concatenate([[1.0], values[:order]]), float(values[-1])
 
 
 def _rms(x: Array) -> float:

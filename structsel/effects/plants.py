@@ -29,6 +29,8 @@ from structsel.numerics.dynamic_elements import delayed, first_order_lag
 _GAIN = 0.3  # by which the gain may be off of a simulation fitted without the lag that is there
 _REACHED = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.9995)
 """Quantiles of what a motion reaches, at which there may be a stop."""
+_FILLED = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+"""Quantiles of a state behind the input, at which it may overflow."""
 _PATHS = (-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0)  # deg of delta over gamma; at 90 the force would be elastic
 
 
@@ -173,6 +175,7 @@ def _saturation(flights: Flights) -> list[Variant]:
                 made.append(Variant((fraction,), cut, {"limit": level}, {"limit": ""}, about, words=words))
         for moved in find_plants(flights, response):
             made += _end_stops(moved, held)
+        made += _overflows(plant, held)
         if plant.source:
             largest = float(np.abs(np.concatenate([f.raw[plant.source] for f in held])).max())
             for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
@@ -194,6 +197,52 @@ def _saturation(flights: Flights) -> list[Variant]:
                     )
                 )
     return made
+
+
+def _overflows(plant: Plant, flights: Flights) -> list[Variant]:
+    """A first state of a row of lags, as the level of an upper tank, that does not exceed a limit.
+
+    Above it the state stays, and what the input adds overflows: some of it reaches the response at once, without the
+    first lag, and what would have come through the first lag is missing.
+    """
+    tau = plant.time_constant(flights[0].dt)
+    if not tau:
+        return []
+    gain = abs(float(plant.b.sum() / plant.a.sum()))
+    parameters = tuple(EffectParameter(name, "response per input", gain) for name in ("overflow", "loss"))
+    made = []
+    for first in (0.5 * tau, tau, 2.0 * tau):
+        reached = np.concatenate([first_order_lag(f.raw[plant.source], f.dt, first) for f in flights])
+        for limit in sorted({float(x) for x in np.quantile(reached, _FILLED)}):
+            for second in (0.5 * tau, tau, 2.0 * tau):
+
+                def over(f: Flight, one: float = first, two: float = second, limit: float = limit) -> Columns:
+                    if plant.response not in f.simulated:
+                        return {}
+                    spilled = np.zeros(len(f))
+                    _overflow(np.ascontiguousarray(f.raw[plant.source]), f.dt, one, limit, spilled)
+                    late = first_order_lag(spilled, f.dt, one)
+                    each = [first_order_lag(x, f.dt, two) for x in (spilled, -late)]
+                    return {plant.response: np.column_stack([x - x.mean() for x in each])}
+
+                words = {"channel": f"A state between {plant.source} and {plant.response}", "side": "upper side"}
+                shape = {"limit": limit, "lag before": first, "lag after": second}
+                units = {"limit": f"in the unit of {plant.source}", "lag before": "s", "lag after": "s"}
+                about = f"between {plant.source} and {plant.response}"
+                made.append(Variant(parameters, over, shape, units, about, words=words))
+    return made
+
+
+@njit(cache=True)
+def _overflow(u, dt, tau, limit, spilled):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """What a lag of `u` that stays at a limit does not take up, in the unit of `u`."""
+    keep = np.exp(-dt / tau)
+    state = min(u[0], limit)
+    for k in range(1, u.size):
+        state = keep * state + (1.0 - keep) * 0.5 * (u[k - 1] + u[k])
+        if state > limit:
+            spilled[k] = (state - limit) / (1.0 - keep)
+            state = limit
 
 
 def _end_stops(plant: Plant, flights: Flights) -> list[Variant]:
