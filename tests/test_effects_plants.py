@@ -14,6 +14,7 @@ from structsel.comparison.flight import prepare_flight
 from structsel.comparison.plant import find_plant
 from structsel.comparison.tolerances import tolerances_of
 from structsel.effects import plants
+from structsel.numerics.dynamic_elements import first_order_lag
 from structsel.recording import Recording
 from tests.effect_fits import best, effect_named
 from tests.exact_flights import AIRCRAFT, compare, fly
@@ -194,6 +195,19 @@ def test_a_state_that_overflows_between_input_and_response_is_found_with_its_lim
     # What swings is no row of lags.
     u, _, stated = mechanism(None)
     assert find_plant(rig([(u, stated, stated)], 0.02, "y"), "y").time_constant(0.02) == 0.0
+
+
+def test_a_rotor_that_follows_late_is_told_from_its_actuator_by_nothing_but_the_name():
+    t, u = pushed(3)
+    stated = lfilter([0.1], [1.0, -0.9], u)
+    measured = 0.9 * first_order_lag(stated, t[1], 0.08)
+    record = Recording("m0", t, {"dlon": u, "y": measured}, units={"dlon": "?", "y": "?"})
+    flights = [prepare_flight(record, AIRCRAFT, {"y": stated})]
+    for effect in ("rotor-inflow-lag", "actuator-lag"):
+        found = best(flights, effect_named(effect))
+        assert found.explained > 0.999
+        assert_allclose(found.values["lag"], 0.08, rtol=0.03)
+        assert_allclose(found.values["gain"], -0.1, rtol=0.1)
 
 
 def test_the_linear_plant_is_found_from_its_input_and_output():

@@ -7,6 +7,7 @@ from functools import partial
 
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
+from structsel.comparison.plant import answers
 from structsel.effects.base import (
     Columns,
     Effect,
@@ -19,6 +20,7 @@ from structsel.effects.base import (
 )
 from structsel.effects.model_forms import one_hot
 from structsel.effects.operators import spaced
+from structsel.effects.plants import delayed_answers
 from structsel.effects.signals import (
     available,
     coefficients,
@@ -192,19 +194,18 @@ def _inflow(flight: Flight, tau: float, controls: list[str]) -> Columns:
         if r in COEFFICIENTS:
             behind = {c: (first_order_lag(flight[c], flight.dt, tau) - flight[c]) / tau for c in controls}
             parts += [(r, 0, flight.slope(r, c) * x) for c, x in behind.items()]
-        elif r in flight.simulated:
-            simulated = flight.predicted(r)
-            parts.append((r, 0, (first_order_lag(simulated, flight.dt, tau) - simulated) / tau))
     return signature(flight, 1, parts)
 
 
 def _rotor_variants(flights: Flights) -> list[Variant]:
-    controls = _rotor_controls(flights)
+    controls, about = _rotor_controls(flights), "all controls"
+    if answers(flights):
+        return delayed_answers(flights, about, ("lag",))
     return [
         Variant(
             (EffectParameter("lag", "s", tau, 0.5 * tau, 1.5 * tau),),
             partial(_inflow, tau=tau, controls=controls),
-            about="all controls",
+            about=about,
         )
         for tau in spaced(0.04, 0.5, 8)
     ]

@@ -13,7 +13,7 @@ that it is to explain.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -268,19 +268,32 @@ def _end_stops(plant: Plant, flights: Flights) -> list[Variant]:
     return made
 
 
-def delayed_answers(flights: Flights) -> list[Variant]:
+_LATE: Mapping[str, Callable[..., Array]] = {"lag": first_order_lag, "delay": delayed}
+
+
+def delayed_answers(
+    flights: Flights, about: str = "actuator that drives {}", operators: Sequence[str] = tuple(_LATE)
+) -> list[Variant]:
     """Lags and delays of a plant's input; through a linear or quasi-steady plant they are those of its answer.
 
     With the gain: a simulation that was fitted without the lag answers too weakly.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    about : str
+        What is late, with {} for the response.
+    operators : sequence of str
+        Of "lag" and "delay".
     """
     made = []
     for response in answers(flights):
         first = next(f for f in flights if response in f.simulated)
         low, high = max(0.75 * first.dt, 1e-3), min(0.5, 0.05 * first.dt * len(first))
-        for name, operator in (("lag", first_order_lag), ("delay", delayed)):
+        for name in operators:
             for tau in spaced(low, high, 14):
 
-                def behind(f: Flight, r: str = response, g: Callable = operator, x: float = tau) -> Columns:
+                def behind(f: Flight, r: str = response, g: Callable = _LATE[name], x: float = tau) -> Columns:
                     if r not in f.simulated:
                         return {}
                     simulated = f.simulated[r]
@@ -291,7 +304,7 @@ def delayed_answers(flights: Flights) -> list[Variant]:
                     EffectParameter(name, "s", tau, 0.5 * tau, 1.5 * tau),
                     EffectParameter("gain", "relative", _GAIN),
                 )
-                made.append(Variant(parameters, behind, about=f"actuator that drives {response}"))
+                made.append(Variant(parameters, behind, about=about.format(response)))
     return made
 
 
