@@ -14,7 +14,7 @@ from structsel.comparison.flight import Flight, prepare_flight
 from structsel.comparison.responses import Rate
 from structsel.comparison.simulations import OpenedSimulation
 from structsel.comparison.surrogate import Surrogate, identify
-from structsel.nomenclature import COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.recording import Recording
 
@@ -111,13 +111,24 @@ def _averaged_channels(flight: Flight, way: str, air: Mapping[str, Array]) -> Fl
 
 
 def _evaluated(flights: Sequence[Flight], known: Mapping[str, Surrogate]) -> list[dict[str, Array]]:
-    """Responses of a model along flights, inputs between the samples taken as each response fits best."""
-    best: dict[str, tuple[float, list[Array]]] = {}
-    for way in _BETWEEN:
-        moved = [_averaged_channels(f, way, f.air) for f in flights]
-        for c, model in known.items():
-            answers = [model.evaluate(f, c) for f in moved]
-            left = sum(float(np.var(f.measured[c] - x)) for f, x in zip(flights, answers))
-            if c not in best or left < best[c][0]:
-                best[c] = left, answers
-    return [{c: answers[i] for c, (_, answers) in best.items()} for i in range(len(flights))]
+    """Responses of a model along flights, inputs between the samples taken as they fit best.
+
+    All moments of a flight have the same inputs, and all forces: were they taken differently, one surface would seem to
+    be late. A step acts from its sample on, a sweep moves on between samples.
+    """
+    made: list[dict[str, Array]] = []
+    for f in flights:
+        moved = {way: _averaged_channels(f, way, f.air) for way in _BETWEEN}
+        answers = {way: {c: model.evaluate(g, c) for c, model in known.items()} for way, g in moved.items()}
+        chosen: dict[str, Array] = {}
+        for group in (FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS):
+            mine = [c for c in known if c in group]
+            best = min(answers, key=lambda way: sum(_misfit(f, c, answers[way][c]) for c in mine))
+            chosen |= {c: answers[best][c] for c in mine}
+        made.append(chosen)
+    return made
+
+
+def _misfit(flight: Flight, response: str, answer: Array) -> float:
+    """Logarithm of the residual variance of a response."""
+    return float(np.log(max(float(np.var(flight.measured[response] - answer)), 1e-300)))

@@ -232,7 +232,12 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
     made: list[tuple[str, float, Mapping[str, Array]]] = []
     made += ((c, sd, x) for c, sd in sizes.items() if c in flight.recorded for x in _biased(flight, c))
     for c in _JUMPING:
-        made += ((f"when {c} jumps", _WITHIN_SAMPLE, _jumped(flight, c, jump)) for jump in _jumps(flight, c))
+        for jump in _jumps(flight, c):
+            every = _jumped(flight, c, jump)
+            # Forces are read at one time, moments are averages between samples: they show different parts of a jump.
+            for group in (FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS):
+                if own := {r: x for r, x in every.items() if r in group}:
+                    made.append((f"when {c} jumps, {group[0]} to {group[-1]}", _WITHIN_SAMPLE, own))
     return made
 
 
