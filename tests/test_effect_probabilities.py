@@ -44,7 +44,7 @@ def scored(with_effect, delivered, kind="atmospheric", input_only=None, unconfir
 
 def test_an_effect_no_larger_than_the_form_of_an_identified_simulation_leaves_is_no_evidence(monkeypatch):
     t = np.linspace(0.0, 10.0, 200)
-    flight = SimpleNamespace(simulated={"CZ": np.sin(t)}, form_error={"CZ": 0.1})
+    flight = SimpleNamespace(simulated={"CZ": np.sin(t)}, form_error={"CZ": 0.1}, fit_error={})
     effect = SimpleNamespace(responses=("CZ",))
     rows = SimpleNamespace(part=lambda _: slice(0, 2))
     without = SimpleNamespace(fitted_residuals=[(rows, np.array([3.0, 2.0]))])

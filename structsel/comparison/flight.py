@@ -58,8 +58,11 @@ class Flight:
         Whether the simulation was evaluated at other states, such as reconstructed ones, which lack the biases of the
         readings.
     form_error : mapping of response to float
-        Of a simulation that was identified from flights, or whose error of form is stated: rms that its form leaves
-        there, as a fraction of the response's own.
+        Of a simulation whose coefficients were identified from its own flights, or whose error of form is stated: rms
+        that its form leaves there, as a fraction of the response's own.
+    fit_error : mapping of response to float
+        Of a model that was identified from recordings: the same of its residual there, without white noise. What the
+        recordings contain and the model lacks is part of it.
     """
 
     name: str
@@ -76,6 +79,7 @@ class Flight:
     air: Mapping[str, Array] = field(default_factory=dict, repr=False)
     apart: bool = False
     form_error: Mapping[str, float] = field(default_factory=dict)
+    fit_error: Mapping[str, float] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -96,8 +100,8 @@ class Flight:
 
     @property
     def is_identified(self) -> bool:
-        """Whether the simulation's coefficients were identified from its own flights: their form is not exact."""
-        return bool(self.form_error)
+        """Whether the simulation's coefficients were identified from flights: their form is not exact."""
+        return bool(self.form_error) or bool(self.fit_error)
 
     @property
     def responses(self) -> tuple[str, ...]:

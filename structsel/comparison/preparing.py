@@ -79,8 +79,8 @@ def prepare(
     if not shared:
         raise DataError("the simulation and the recordings have no response in common in all manoeuvres.")
     flights = [replace(f, simulated={c: f.simulated[c] for c in shared}) for f in flights]
-    errors = _form_error(flights, simulation.model, aircraft.tolerances.form)
-    flights = [replace(f, form_error=errors) for f in flights]
+    form, fit = _stated_error(flights[0], aircraft.tolerances.form), _fit_error(flights, simulation.model)
+    flights = [replace(f, form_error=form, fit_error=fit) for f in flights]
     check_alike(flights, simulation.name)
     if set(AIRFRAME) <= set(flights[0].channels) and set(shared) & set(COEFFICIENTS):
         stand_in = find_surrogate(flights, [c for c in shared if c in COEFFICIENTS])
@@ -90,22 +90,24 @@ def prepare(
     return PreparedComparison(tuple(flights), simulation, tuple(remarks))
 
 
-def _form_error(flights: Sequence[Flight], model: AeroModel | None, stated: float) -> dict[str, float]:
-    """Rms that the form of the simulation leaves of each coefficient, relative to the simulated variation.
+def _stated_error(flight: Flight, stated: float) -> dict[str, float]:
+    """Rms that the form of the simulation leaves: of a free simulation on its own flights, or as stated, if larger."""
+    coefficients = (c for c in flight.simulated if c in COEFFICIENTS)
+    more = {c: max(flight.form_error.get(c, 0.0), stated) for c in coefficients} if stated else {}
+    return {**flight.form_error, **more}
 
-    The largest of what is stated, of what a free simulation leaves of its own flights, and of the residual of a model
-    where it was identified, from its R2, less the white noise of these recordings.
-    """
-    made = dict(flights[0].form_error)
+
+def _fit_error(flights: Sequence[Flight], model: AeroModel | None) -> dict[str, float]:
+    """Rms that a model left where it was identified, from its R2, less the white noise of these recordings."""
+    made: dict[str, float] = {}
+    if model is None:
+        return made
     for c in flights[0].simulated.keys() & set(COEFFICIENTS):
-        known = None if model is None else next((model[r].r2 for r in (c, _ALONG_WIND.get(c, c)) if r in model), None)
-        if known is not None and 0.0 < known < 1.0:
+        r2 = next((model[r].r2 for r in (c, _ALONG_WIND.get(c, c)) if r in model), np.nan)
+        if 0.0 < r2 < 1.0:
             power = sum(len(f) * float(np.var(f.simulated[c])) for f in flights)
             white = sum(len(f) * noise_std_from_differences(np.diff(f.measured[c], 3)) ** 2 for f in flights)
-            left = (1.0 - known) / known - white / max(power, 1e-300)
-            made[c] = max(made.get(c, 0.0), float(np.sqrt(max(left, 0.0))))
-        if stated:
-            made[c] = max(made.get(c, 0.0), stated)
+            made[c] = float(np.sqrt(max((1.0 - r2) / r2 - white / max(power, 1e-300), 0.0)))
     return made
 
 

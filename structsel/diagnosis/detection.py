@@ -155,7 +155,8 @@ def detect(flights: Sequence[Flight], problem: DiagnosisProblem) -> Detection | 
         return None
     rows = CausalRows(flights, problem.nuisances)
     least = _FORM_IDENTIFIED if flights[0].is_identified else _FORM
-    form = {c: max(least, flights[0].form_error.get(c, 0.0)) for c in rows.responses}
+    stated = [dict.fromkeys(rows.responses, least), flights[0].form_error, flights[0].fit_error]
+    form = {c: max(one.get(c, 0.0) for one in stated) for c in rows.responses}
     null = rows.null()
     F = features(flights)
     inside = [x[rows.edge : len(x) - rows.edge] for x in F]

@@ -20,7 +20,7 @@ def agreed(extended: DiagnosisProblem) -> float:
 
 
 def beyond_form(without: DiagnosisProblem, extended: DiagnosisProblem) -> float:
-    """Log Bayes factor of the size of the last effect, with the form of an identified simulation as its error.
+    """Log Bayes factor of the size of the last effect, with what the form of the simulation leaves as its error.
 
     What a polynomial leaves of a simulation's own flights is as large in the recordings, and may move like an effect.
     What an effect explains of kinematic residuals counts as well: these are not simulated. Infinite for other
