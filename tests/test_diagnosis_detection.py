@@ -50,6 +50,18 @@ def test_a_correct_simulation_is_not_a_mismatch(correct):
     assert detect(correct, DiagnosisProblem.set_up(correct, ())).probability < 0.05
 
 
+def test_an_accelerometer_off_its_place_within_tolerance_is_no_mismatch():
+    # What it feels of angular acceleration is of its own sample: a column of four samples before cannot explain it.
+    content = AIRCRAFT.to_dict()
+    accelerometer = content["sensors"]["accelerometer"]
+    x, y, z = accelerometer.get("position", (0.0, 0.0, 0.0))
+    accelerometer["position"] = [x, y, z + 2.0 * AIRCRAFT.tolerances.lever_arm]
+    flights = ready(*fly({}, **SPEEDS), ss.Aircraft.from_dict(content))
+    found = detect(flights, DiagnosisProblem.set_up(flights, ()))
+    assert max(found.remainder.values()) < 10.0
+    assert found.probability < 0.05
+
+
 def test_a_moment_that_follows_the_bank_angle_is_detected_as_one_function_among_a_hundred(correct):
     size = 0.4 * np.std(np.concatenate([f.simulated["Cm"] for f in correct]))
     bank = [np.abs(f["phi"]) for f in correct]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import asked_wrongly
-from structsel.comparison.tolerances import Nuisance, biases_of, tolerances_of
+from structsel.comparison.tolerances import Nuisance, accelerometer_moved, biases_of, tolerances_of
 from structsel.nomenclature import COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
@@ -94,6 +94,14 @@ def with_motion_delayed(flight: Flight) -> Flight:
     )  # fmt: skip
 
 
+def with_backward_rates(flight: Flight) -> Flight:
+    """The flight with angular accelerations from this sample and the one before."""
+    backward = {
+        f"{c}_dot": np.diff(flight[c], prepend=flight[c][:1]) / flight.dt for c in "pqr" if c in flight.recorded
+    }
+    return replace(flight, channels={**flight.channels, **backward})
+
+
 @dataclass(frozen=True, eq=False)
 class Filter:
     """Prediction of one response from past residuals.
@@ -160,6 +168,9 @@ class CausalRows:
         kept = [n for n in nuisances if not n.ahead]
         self.tolerances = kept
         late = {n.name: n.columns for n in tolerances_of([with_motion_delayed(f) for f in flights])}
+        # An accelerometer off its place feels the angular acceleration of its own sample, not of four before.
+        turning = [with_backward_rates(f) for f in flights]
+        late |= {f"accelerometer {x}": [accelerometer_moved(f, k) for f in turning] for k, x in enumerate("xyz")}
         self.y: dict[tuple[str, int], Array] = {}
         self.X: dict[tuple[str, int], Array] = {}
         self.place: dict[tuple[str, int], NDArray[np.intp]] = {}
