@@ -134,8 +134,7 @@ class Tolerances(_Table):
     delay : [s], between channels
     lever_arm : [m]
     form : relative to the variation of each response
-        What terms that the simulation does not have may leave, as its residual does where it was identified. A model
-        that states its R2 has this error at least.
+        Rms that terms which the simulation does not have may leave, as its residual does where it was identified.
     """
 
     main: Tolerance = 0.05

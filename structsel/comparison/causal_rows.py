@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import asked_wrongly
-from structsel.comparison.tolerances import Nuisance, accelerometer_moved, biases_of, tolerances_of
+from structsel.comparison.tolerances import WITHIN_SAMPLE, Nuisance, accelerometer_moved, biases_of, tolerances_of
 from structsel.nomenclature import COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
@@ -31,7 +31,6 @@ _FEWEST, _LARGEST = 12, 40  # samples of the same
 _ASKED = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr")
 _TIMED = ("de", "da", "dr", "df", "throttle", "thrust")
 _INPUTS = frozenset((*_TIMED, "gear"))
-_WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
 _BLOCK = 64  # rows that are filtered together
 _RIDGE = 1e-9  # of the mean square of a residual: precision of the coefficients of the autoregression
 _DEGREES = 8.0  # of freedom, of the prior of the variances of single flights about their common value
@@ -354,7 +353,7 @@ def _timing(f: Flight) -> list[tuple[float, Mapping[str, Array]]]:
         if c in f.raw and np.ptp(f.raw[c]) > 0.0:
             turned = {r: a * f.rate(f.raw[c]) for r, a in asked_wrongly(f, c).items()}
             if turned:
-                made.append((_WITHIN_SAMPLE * f.dt, turned))
+                made.append((WITHIN_SAMPLE * f.dt, turned))
     return made
 
 

@@ -43,7 +43,7 @@ _BIAS = {"V": 0.3, "p": 0.001, "q": 0.001, "r": 0.001, "ax": 0.05, "ay": 0.05, "
 _LEVEL = dict.fromkeys(("V", "vn", "ve", "vd"), 0.3)  # m/s: a larger constant is wind
 _UNSTATED = 0.005  # rad
 _JUMPING = ("de", "da", "dr", "df", "throttle")
-_WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
+WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
 _ASKED = ("V", "alpha", "beta", "de", "da", "dr")
 _JUMP, _ABOVE = 0.08, 3.0  # of a channel's span, and of the changes about it, above which a change is a jump
 _MAX_JUMPS = 12
@@ -237,7 +237,7 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
             # Forces are read at one time, moments are averages between samples: they show different parts of a jump.
             for group in (FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS):
                 if own := {r: x for r, x in every.items() if r in group}:
-                    made.append((f"when {c} jumps, {group[0]} to {group[-1]}", _WITHIN_SAMPLE, own))
+                    made.append((f"when {c} jumps, {group[0]} to {group[-1]}", WITHIN_SAMPLE, own))
     return made
 
 

@@ -17,7 +17,7 @@ from structsel.diagnosis.ranking import TIED, Ranking, Step
 from structsel.diagnosis.residuals import contributions
 from structsel.diagnosis.result import LISTED, UNNAMED, Bars, EffectFinding, Physics
 from structsel.diagnosis.scoring import EffectScore
-from structsel.diagnosis.size_evidence import jackknifed
+from structsel.diagnosis.size_evidence import jackknifed, residual_squares
 from structsel.effects.base import FittedEffect, ParameterEstimate, Variant
 from structsel.formatting import as_sentence, format_percent, join_names
 from structsel.numerics.arrays import Array
@@ -67,8 +67,8 @@ def gather(ranking: Ranking) -> list[Member]:
 
 def squares_left(problem: DiagnosisProblem, members: Sequence[Member]) -> Array:
     """Sum of squares of the residual of each judged response with some of the effects in the model, fitted again."""
-    rest = problem.subset([k for m in members for k in m.places]).fitted_residuals
-    return np.array([sum(float(np.sum(e[r.part(c)] ** 2)) for r, e in rest) for c in problem.judged_responses])
+    fitted = problem.subset([k for m in members for k in m.places])
+    return np.array([residual_squares(fitted, c) for c in problem.judged_responses])
 
 
 def needed(problem: DiagnosisProblem, members: Sequence[Member]) -> list[Member]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 import numpy as np
 
 from structsel.diagnosis.problem import DiagnosisProblem
@@ -33,7 +31,7 @@ def beyond_form(without: DiagnosisProblem, extended: DiagnosisProblem) -> float:
         return np.inf
     added = contributions(extended, [effect])
     kinematic = set(responses) - set(flights[0].simulated)
-    logs = [0.5 * (_squares(without, kinematic) - _squares(extended, kinematic))]
+    logs = [0.5 * sum(residual_squares(without, c) - residual_squares(extended, c) for c in kinematic)]
     for c in errors.keys() & set(responses):
         own = sum(float(np.var(f.simulated[c])) for f in flights)
         size = sum(float(np.var(a[c])) for a in added if c in a)
@@ -41,9 +39,9 @@ def beyond_form(without: DiagnosisProblem, extended: DiagnosisProblem) -> float:
     return max(logs)
 
 
-def _squares(problem: DiagnosisProblem, responses: Collection[str]) -> float:
-    """Sum of squares of the whitened residuals of some responses."""
-    return sum(float(np.sum(left[r.part(c)] ** 2)) for r, left in problem.fitted_residuals for c in responses)
+def residual_squares(problem: DiagnosisProblem, response: str) -> float:
+    """Sum of squares of the whitened residual of a response, fitted to all flights."""
+    return sum(float(np.sum(left[r.part(response)] ** 2)) for r, left in problem.fitted_residuals)
 
 
 def jackknifed(without: Array) -> Array:

@@ -30,7 +30,7 @@ from structsel.selection.search import (
 
 ROUNDS = 4  # of noise model and search; the terms stay the same after two almost always
 SIGNIFICANCE = 0.01  # of the test that estimates differ
-WORSE = 1.25  # squared error of the fit from which prewhitening is dropped, if cross-validation agrees
+WORSE = 1.25  # ratio of squared errors of the fit from which it is asked whether noise can be why
 PILOT = 32, 0.2
 """Candidates that a pilot search takes from each of two rankings, and the fraction of all where that is more. The first
 is that of the unfiltered products, the second that of prewhitened products of a part of the samples."""
