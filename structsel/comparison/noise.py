@@ -122,8 +122,6 @@ def estimate_noise(
     known : Noise, optional
         Of some responses, which are left as they are there.
     """
-    from joblib import Parallel, delayed
-
     bins = [bins_of(f) for f in flights]
     lowest = min(float(frequencies(f, b)[0]) for f, b in zip(flights, bins))
     highest = max(float(frequencies(f, b)[-1]) for f, b in zip(flights, bins))
@@ -136,7 +134,7 @@ def estimate_noise(
         [spectrum(np.column_stack([*x.values()]), b, edge_of(f))[1:] for f, b, x in zip(flights, bins, functions)]
     )
 
-    def listen(response: str) -> None:
+    for response in (c for c in responses if c not in log_std):
         mine = spectra[:, [names.index(name) for name in usual_functions(names, response)]]
         left, free = _residual(flights, bins, explained, mine, response, edges, pool.get(response))
         log_std[response] = _smooth_spectrum(flights, bins, left, free, edges)
@@ -147,7 +145,6 @@ def estimate_noise(
             # Shrunk towards one: half a hundred coefficients tell a level to about a tenth.
             level[f.name, response] = float(np.sqrt(np.clip((ratio * n / 20.0 + 1.0) / (n / 20.0 + 1.0), 0.25, 25.0)))
 
-    Parallel(n_jobs=2, prefer="threads")(delayed(listen)(c) for c in responses if c not in log_std)
     return Noise(edges, log_std, level)
 
 

@@ -46,8 +46,6 @@ def prepare(
     ModelError
         A simulation that cannot be opened.
     """
-    from joblib import Parallel, delayed
-
     if not recordings:
         raise DataError("compare needs at least one recording.")
     names = [r.name for r in recordings]
@@ -59,15 +57,11 @@ def prepare(
     simulation = open_simulation(source, recordings, aircraft)
     remarks: list[str] = []
     tell = progress or (lambda what, done, of: None)
-    if simulation.form == "forced":
-        jobs = [delayed(prepare_flight)(r, aircraft, simulation.along[r.name]) for r in recordings]
-    else:
-        wanted = _wanted(recordings[0], aircraft)
-        jobs = [delayed(prepare_flight)(r, aircraft, {c: np.zeros(len(r)) for c in wanted}) for r in recordings]
+    wanted = _wanted(recordings[0], aircraft)
     flights: list[Flight] = []
-    # Threads do: the smoother is compiled, and lets others run meanwhile.
-    for made in Parallel(n_jobs=2, prefer="threads", return_as="generator")(jobs):
-        flights.append(made)
+    for r in recordings:
+        nothing = {c: np.zeros(len(r)) for c in wanted}
+        flights.append(prepare_flight(r, aircraft, simulation.along.get(r.name, nothing)))
         tell("smoothing", len(flights), len(recordings))
     if simulation.form == "forced" and aircraft.simulation.states != "raw":
         flights = [replace(f, apart=True) for f in flights]
