@@ -12,7 +12,7 @@ from structsel.aircraft import Aircraft
 from structsel.comparison.responses import KINEMATIC, Rate, predicted_rates
 from structsel.errors import StructselWarning
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import air_data_at_cg, air_data_at_sensor
+from structsel.numerics.air_data import air_data_at_cg, air_data_at_sensor, body_velocity
 from structsel.numerics.arrays import Array
 from structsel.numerics.signal_quality import estimate_white_noise
 from structsel.numerics.smoothing import smooth_splines
@@ -61,7 +61,7 @@ def inertial_channels(
     calm = air_data_at_cg(smooth["V"], smooth["alpha"], smooth["beta"], *rates, place)
     turning = tuple(Rate(float(t[1] - t[0]))(smooth[c]) for c in "pqr")
     force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, aircraft.position("accelerometer"))
-    predicted = predicted_rates({**smooth, **{c: ch[c] for c in "pqr"}}, calm, force)
+    predicted = predicted_rates({**smooth, **{c: ch[c] for c in "pqr"}}, body_velocity(*calm), force)
     read = {**dict(zip(("V", "alpha", "beta"), air)), **{c: ch[c] for c in ("phi", "theta", "psi")}}
     with_gusts = {name: dict(zip(("V", "alpha", "beta"), calm)).get(name, smooth[name]) for name in read}
     made, inertial = dict(with_gusts), set()

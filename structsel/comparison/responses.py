@@ -14,7 +14,7 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import Three, air_data_at_cg, body_to_earth, body_velocity, flow_angle_rates
+from structsel.numerics.air_data import Three, air_data, body_velocity, cross, flow_angle_rates
 from structsel.numerics.arrays import Array
 from structsel.numerics.differentiation import difference_weights
 
@@ -53,7 +53,7 @@ class Rate:
 
     def __call__(self, x: Array) -> Array:
         """Derivative of (n,) or (n, k) samples [unit of x / s]."""
-        made = np.empty(x.shape)
+        made = np.empty_like(x, dtype=float)
         made[:3] = _AT_START @ x[:5]
         made[-3:] = -(_AT_START @ x[:-6:-1])[::-1]
         middle = made[3:-3]
@@ -82,7 +82,9 @@ def respond(ch: Mapping[str, Array], aircraft: Aircraft, dt: float, wanted: tupl
     made: dict[str, Array] = {}
     rates = (ch["p"], ch["q"], ch["r"])
     turning = (ch["p_dot"], ch["q_dot"], ch["r_dot"])
-    V, alpha, beta = air_data_at_cg(ch["V"], ch["alpha"], ch["beta"], *rates, aircraft.position("vane"))
+    at_vane = body_velocity(ch["V"], ch["alpha"], ch["beta"])
+    u, v, w = (x - turned for x, turned in zip(at_vane, cross(rates, aircraft.position("vane"))))
+    V, alpha, beta = air_data(u, v, w)
     force = rb.acceleration_at_cg(ch["ax"], ch["ay"], ch["az"], rates, turning, aircraft.position("accelerometer"))
     qbar = ch["qbar_ratio"] * 0.5 * ch["rho"] * V**2
     if any(name in wanted for name in COEFFICIENTS[:3]):
@@ -99,24 +101,22 @@ def respond(ch: Mapping[str, Array], aircraft: Aircraft, dt: float, wanted: tupl
             ),
         )  # fmt: skip
     if any(name in wanted for name in KINEMATIC):
-        made |= _kinematics(ch, d, (V, alpha, beta), force)
+        made |= _kinematics(ch, d, (u, v, w), {"V": V, "alpha": alpha, "beta": beta}, force)
     return {name: made[name] for name in wanted}
 
 
-def predicted_rates(ch: Mapping[str, Array], air: Three, force: Three) -> dict[str, Array]:
+def predicted_rates(ch: Mapping[str, Array], velocity: Three, force: Three) -> dict[str, Array]:
     """Rates of V, alpha, beta and of the Euler angles predicted from specific force and body rates.
 
     Parameters
     ----------
     ch : mapping of channel to (n,) array
-    air : V, alpha, beta at the centre of gravity
+    velocity : u, v, w at the centre of gravity
     force : specific force there
     """
-    V, alpha, beta = air
     rates = (ch["p"], ch["q"], ch["r"])
-    u, v, w = body_velocity(V, alpha, beta)
-    turning = rb.velocity_derivative((u, v, w), rates, force, ch["phi"], ch["theta"])
-    alpha_dot, beta_dot, V_dot = flow_angle_rates(u, v, w, *turning)
+    turning = rb.velocity_derivative(velocity, rates, force, ch["phi"], ch["theta"])
+    alpha_dot, beta_dot, V_dot = flow_angle_rates(*velocity, *turning)
     turned = rb.euler_rates(*rates, ch["phi"], ch["theta"])
     return {
         "V": V_dot,
@@ -125,17 +125,22 @@ def predicted_rates(ch: Mapping[str, Array], air: Three, force: Three) -> dict[s
     } | dict(zip(("phi", "theta", "psi"), turned))
 
 
-def _kinematics(ch: Mapping[str, Array], d: Rate, air: Three, force: Three) -> dict[str, Array]:
-    V, alpha, beta = air
+def _kinematics(
+    ch: Mapping[str, Array], d: Rate, velocity: Three, air: Mapping[str, Array], force: Three
+) -> dict[str, Array]:
     phi, theta, psi = ch["phi"], ch["theta"], ch["psi"]
-    predicted = predicted_rates(ch, air, force)
-    read = {"V": V, "alpha": alpha, "beta": beta, "phi": phi, "theta": theta, "psi": psi}
+    predicted = predicted_rates(ch, velocity, force)
+    read = {**air, "phi": phi, "theta": theta, "psi": psi}
     made = {f"k_{name}": d(x) - predicted[name] for name, x in read.items()}
-    velocity = np.stack(np.broadcast_arrays(*body_velocity(V, alpha, beta)), axis=-1)
-    ground = np.einsum("...ij,...j->...i", body_to_earth(phi, theta, psi), velocity)
+    u, v, w = velocity
+    right, below = np.cos(phi) * v - np.sin(phi) * w, np.sin(phi) * v + np.cos(phi) * w
+    ahead, down = np.cos(theta) * u + np.sin(theta) * below, np.cos(theta) * below - np.sin(theta) * u
     if "h" in ch:
-        made["k_h"] = d(ch["h"]) + ground[..., 2]
-    for i, name in enumerate(("vn", "ve", "vd")):
-        if name in ch:
-            made[f"k_{name}"] = ch[name] - ground[..., i]
+        made["k_h"] = d(ch["h"]) + down
+    if "vn" in ch:
+        made["k_vn"] = ch["vn"] - (np.cos(psi) * ahead - np.sin(psi) * right)
+    if "ve" in ch:
+        made["k_ve"] = ch["ve"] - (np.sin(psi) * ahead + np.cos(psi) * right)
+    if "vd" in ch:
+        made["k_vd"] = ch["vd"] - down
     return made

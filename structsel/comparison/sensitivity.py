@@ -116,7 +116,7 @@ def _measured_of(
     column = {c: k + j for j, c in enumerate(moving)}
     sides = []
     for sign in (0.5, -0.5):
-        off = {c: np.zeros((n, k + len(moving))) for c in names}
+        off = {c: np.zeros((k + len(moving), n)).T for c in names}  # columns contiguous in memory
         for j, c in enumerate(names):
             off[c][:, j] = sign * steps[c]
             if c in column:

@@ -44,6 +44,6 @@ def wrong_readings(errors: Callable[[Flight], Sequence[Errors]]) -> Callable[[Fl
     def columns(flight: Flight) -> Columns:
         each = [misread(flight, **one) for one in errors(flight)]
         nothing = np.zeros(len(flight))
-        return {r: np.column_stack([one.get(r, nothing) for one in each]) for r in {r: 0 for one in each for r in one}}
+        return {r: np.array([one.get(r, nothing) for one in each]).T for r in {r: 0 for one in each for r in one}}
 
     return columns
