@@ -80,9 +80,9 @@ def spectra_of(variants: Sequence[Variant], flight: Flight, responses: Sequence[
     if not columns:
         return [{} for _ in variants]
     together = spectrum(np.concatenate(columns).T, bins_of(flight), edge_of(flight))
-    together *= np.concatenate([np.tile([p.sd for p in v.parameters], len(one)) for v, one in zip(variants, added)])
-    parts = iter(np.split(together, np.cumsum([len(x) for x in columns])[:-1], axis=1))
-    return [{c: next(parts) for c in one} for one in added]
+    together *= np.array([p.sd for v, one in zip(variants, added) for _ in one for p in v.parameters])
+    ends = iter(np.cumsum([len(x) for x in columns]))
+    return [{c: together[:, (end := next(ends)) - x.shape[1] : end] for c, x in one.items()} for one in added]
 
 
 def each_spectra(
