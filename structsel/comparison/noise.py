@@ -307,6 +307,7 @@ class Rows:
         n, columns = len(several), self.projector.columns
         cross, inside = np.zeros((n, width, given.inside.shape[1])), np.zeros((n, width, columns.shape[1]))
         own = np.zeros((n, width, width))
+        flat_cross, flat_inside = cross.reshape(n * width, -1), inside.reshape(n * width, -1)
         for c in self.responses:
             there = np.array([k for k, one in enumerate(several) if c in one], dtype=np.intp)
             if not len(there):
@@ -315,10 +316,10 @@ class Rows:
             rows *= self.weight[c]
             each = rows.reshape(len(there), width, self.size)
             own[there] += each @ each.transpose(0, 2, 1)
-            inside[there] += (rows @ columns[self.part(c)]).reshape(len(there), width, -1)
-            cross[np.ix_(there, np.arange(width), given.at[c])] += (rows @ given.values[c]).reshape(
-                len(there), width, -1
-            )
+            moved = rows.any(axis=1)
+            at, rows = (width * there[:, None] + np.arange(width)).ravel()[moved], rows[moved]
+            flat_inside[at] += rows @ columns[self.part(c)]
+            flat_cross[np.ix_(at, given.at[c])] += rows @ given.values[c]
         lost = inside * self.projector.lost
         own -= lost @ inside.transpose(0, 2, 1)
         cross -= lost @ given.inside
