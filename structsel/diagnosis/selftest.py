@@ -70,7 +70,8 @@ def _strength(problem: DiagnosisProblem, signature: Signature) -> float:
     total = 0.0
     for r, spectra in zip(problem.rows, signature.spectra):
         for c, x in spectra.items():
-            total += float(np.sum((x.T * r.weight[c]) ** 2))
+            rows = (x.T * r.weight[c]).ravel()
+            total += float(rows @ rows)
     return total
 
 
