@@ -22,6 +22,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import asked_wrongly
 from structsel.comparison.tolerances import WITHIN_SAMPLE, Nuisance, accelerometer_moved, biases_of, tolerances_of
 from structsel.nomenclature import COEFFICIENTS, MOMENT_COEFFICIENTS
+from structsel.numerics.air_data import Three
 from structsel.numerics.arrays import Array
 
 DELAY = 4
@@ -93,12 +94,13 @@ def with_motion_delayed(flight: Flight) -> Flight:
     )  # fmt: skip
 
 
-def with_backward_rates(flight: Flight) -> Flight:
-    """The flight with angular accelerations from this sample and the one before."""
-    backward = {
-        f"{c}_dot": np.diff(flight[c], prepend=flight[c][:1]) / flight.dt for c in "pqr" if c in flight.recorded
-    }
-    return replace(flight, channels={**flight.channels, **backward})
+def backward_rates(flight: Flight) -> Three:
+    """Angular accelerations from each sample and the one before."""
+    p_dot, q_dot, r_dot = (
+        np.diff(flight[c], prepend=flight[c][:1]) / flight.dt if c in flight.recorded else flight[f"{c}_dot"]
+        for c in "pqr"
+    )
+    return p_dot, q_dot, r_dot
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +170,11 @@ class CausalRows:
         self.tolerances = kept
         late = {n.name: n.columns for n in tolerances_of([with_motion_delayed(f) for f in flights])}
         # An accelerometer off its place feels the angular acceleration of its own sample, not of four before.
-        turning = [with_backward_rates(f) for f in flights]
-        late |= {f"accelerometer {x}": [accelerometer_moved(f, k) for f in turning] for k, x in enumerate("xyz")}
+        turning = [backward_rates(f) for f in flights]
+        late |= {
+            f"accelerometer {x}": [accelerometer_moved(f, k, w) for f, w in zip(flights, turning)]
+            for k, x in enumerate("xyz")
+        }
         self.y: dict[tuple[str, int], Array] = {}
         self.X: dict[tuple[str, int], Array] = {}
         self.place: dict[tuple[str, int], NDArray[np.intp]] = {}

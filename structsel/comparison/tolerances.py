@@ -20,7 +20,7 @@ from structsel.nomenclature import (
     MOMENT_COEFFICIENTS,
 )
 from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import air_data_at_cg
+from structsel.numerics.air_data import Three, air_data_at_cg
 from structsel.numerics.arrays import Array
 
 MAIN = {
@@ -335,11 +335,11 @@ def thrust_columns(f: Flight) -> dict[str, Array]:
     return {c: x for c, x in made.items() if c in f.measured and np.any(x)}
 
 
-def accelerometer_moved(f: Flight, k: int) -> dict[str, Array]:
-    """An accelerometer one metre further along body axis k than assumed."""
+def accelerometer_moved(f: Flight, k: int, turning: Three | None = None) -> dict[str, Array]:
+    """An accelerometer one metre further along body axis k than assumed; with other angular accelerations if given."""
     place = [0.0, 0.0, 0.0]
     place[k] = -1.0  # carrying back over a negative distance carries forth
-    turning = tuple(f[f"{c}_dot"] for c in "pqr")
+    turning = turning or (f["p_dot"], f["q_dot"], f["r_dot"])
     still = np.zeros(len(f))
     rates = (f["p"], f["q"], f["r"])
     moved = rb.acceleration_at_cg(still, still, still, rates, turning, place)
