@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+import scipy
 
-from structsel.numerics.signal_quality import estimate_white_noise
+from structsel.numerics.signal_quality import estimate_white_noise, smoothed
 
 T = np.arange(0.0, 30.0, 0.02)
 
@@ -42,3 +43,10 @@ def test_of_noise_alone_hardly_anything_is_left():
 @pytest.mark.parametrize("held", [np.zeros(200), np.repeat([0.0, 1.0, 0.5, 2.0], 50), np.arange(3.0)])
 def test_what_is_held_or_too_short_has_none(held):
     np.testing.assert_array_equal(estimate_white_noise(held), 0.0)
+
+
+@pytest.mark.parametrize("width", [5.0, 19.0, 40.0, 180.0])
+def test_a_long_filter_is_the_sum_over_its_window(width):
+    x = np.cumsum(np.random.default_rng(1).standard_normal(500)) + 30.0
+    direct = scipy.ndimage.gaussian_filter1d(x, width, mode="nearest")
+    np.testing.assert_allclose(smoothed(x, width), direct, atol=1e-12 * np.abs(x).max())

@@ -26,6 +26,7 @@ MEDIAN_SQUARE = 0.4549
 """Median of the square of a standard normal variable."""
 _NARROWEST, _WIDER, _WIDEST = 0.7, 1.6, 0.125
 """Widths of the smoothers, in samples: of the first, of each over the last, and of the widest over the length."""
+_LONG = 20.0  # samples, of a filter that is applied by Fourier transform
 _AROUND = 3.0  # widths over which the power of a band is averaged
 _MODEST = 2.5  # ratio of power to that of the noise up to which a band is noise
 
@@ -185,13 +186,22 @@ def estimate_white_noise(x: Array) -> Array:
     noise = np.zeros(len(x))
     above = np.asarray(x, dtype=float)
     for width, of_one in _bands(len(x)):
-        below = scipy.ndimage.gaussian_filter1d(x, width, mode="nearest")
+        below = smoothed(x, width)
         band, expected = above - below, sd**2 * of_one
-        power = scipy.ndimage.gaussian_filter1d(band**2, _AROUND * width, mode="nearest")
+        power = smoothed(band**2, _AROUND * width)
         fraction = np.minimum(1.0, _MODEST * expected / np.maximum(power, 1e-300)) ** 2
         noise += fraction * band
         above = below
     return noise
+
+
+def smoothed(x: Array, width: float) -> Array:
+    """`gaussian_filter1d` of a signal that is held beyond its ends; by Fourier transform where the filter is long."""
+    if width < _LONG:
+        return np.asarray(scipy.ndimage.gaussian_filter1d(x, width, mode="nearest"))
+    reach = int(4.0 * width + 0.5)
+    weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
+    return np.asarray(scipy.signal.fftconvolve(np.pad(x, reach, mode="edge"), weight / weight.sum(), mode="valid"))
 
 
 @lru_cache(maxsize=64)
@@ -201,7 +211,7 @@ def _bands(n: int) -> tuple[tuple[float, float], ...]:
     above[n] = 1.0
     one, made, width = above, [], _NARROWEST
     while width < _WIDEST * n:
-        below = scipy.ndimage.gaussian_filter1d(one, width)
+        below = smoothed(one, width)
         made.append((width, float(((above - below) ** 2).sum())))
         above, width = below, _WIDER * width
     return tuple(made)
