@@ -19,8 +19,9 @@ import scipy
 from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
+from structsel.comparison.parameter_columns import accelerometer_moved
 from structsel.comparison.sensitivity import asked_wrongly
-from structsel.comparison.tolerances import WITHIN_SAMPLE, Nuisance, accelerometer_moved, biases_of, tolerances_of
+from structsel.comparison.tolerances import WITHIN_SAMPLE, Nuisance, biases_of, tolerances_of
 from structsel.nomenclature import COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.air_data import Three
 from structsel.numerics.arrays import Array

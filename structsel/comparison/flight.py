@@ -63,6 +63,8 @@ class Flight:
     fit_error : mapping of response to float
         Of a model that was identified from recordings: the same of its residual there, without white noise. What the
         recordings contain and the model lacks is part of it.
+    sequence : str
+        Name of the first recording of the flight, where it was cut into several; else empty.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Flight:
     apart: bool = False
     form_error: Mapping[str, float] = field(default_factory=dict)
     fit_error: Mapping[str, float] = field(default_factory=dict)
+    sequence: str = ""
 
     def __len__(self) -> int:
         return len(self.t)

@@ -11,6 +11,7 @@ from structsel.aircraft import Aircraft
 from structsel.comparison.checking import check_alike, check_recorded
 from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
 from structsel.comparison.free_simulation import along_recordings
+from structsel.comparison.sequences import sequences
 from structsel.comparison.simulations import OpenedSimulation, open_simulation
 from structsel.comparison.surrogate import find_surrogate
 from structsel.errors import DataError
@@ -75,6 +76,8 @@ def prepare(
     flights = [replace(f, simulated={c: f.simulated[c] for c in shared}) for f in flights]
     form, fit = _stated_error(flights[0], aircraft.tolerances.form), _fit_error(flights, simulation.model)
     flights = [replace(f, form_error=form, fit_error=fit) for f in flights]
+    first_of = {f.name: chain[0].name for chain in sequences(flights) for f in chain}
+    flights = [replace(f, sequence=first_of.get(f.name, "")) for f in flights]
     check_alike(flights, simulation.name)
     if set(AIRFRAME) <= set(flights[0].channels) and set(shared) & set(COEFFICIENTS):
         stand_in = find_surrogate(flights, [c for c in shared if c in COEFFICIENTS])

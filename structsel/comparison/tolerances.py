@@ -10,6 +10,14 @@ import numpy as np
 
 from structsel.aircraft import Tolerances
 from structsel.comparison.flight import Flight
+from structsel.comparison.parameter_columns import (
+    accelerometer_moved,
+    inertia_columns,
+    mass_columns,
+    offset_columns,
+    thrust_columns,
+    vane_moved,
+)
 from structsel.comparison.plant import find_plant
 from structsel.comparison.sensitivity import asked_wrongly, misread, reading
 from structsel.nomenclature import (
@@ -19,8 +27,6 @@ from structsel.nomenclature import (
     LONGITUDINAL_COEFFICIENTS,
     MOMENT_COEFFICIENTS,
 )
-from structsel.numerics import rigid_body as rb
-from structsel.numerics.air_data import Three, air_data_at_cg
 from structsel.numerics.arrays import Array
 
 MAIN = {
@@ -49,6 +55,7 @@ _JUMP, _ABOVE = 0.08, 3.0  # of a channel's span, and of the changes about it, a
 _MAX_JUMPS = 12
 _SCALED = {"alpha": 1.0, "beta": 1.0, "V": 0.5, "phi": 0.5, "theta": 0.5, "psi": 0.5}
 """Of the stated tolerance: less for an airspeed system and a gyro that holds attitude than for a vane in its upwash."""
+_CHANGED = 0.1  # of a constant error, by which it changes between recordings of one flight
 _SURFACES = ("de", "da", "dr")
 _SEPARATE_CLOCKS = (
     ("V",), ("alpha",), ("beta",), ("phi", "theta", "psi"), ("p", "q", "r"), ("ax", "ay", "az"), _SURFACES,
@@ -77,6 +84,8 @@ class Nuisance:
         Name where it deviates by more than its own value, so that the simulation has nothing of the kind.
     ahead : bool
         Whether its columns are made of samples of the motion that come later, as a rate is.
+    constant : bool
+        Whether it is a constant error of an instrument.
     """
 
     name: str
@@ -88,6 +97,7 @@ class Nuisance:
     effect: str = ""
     absent: str = ""
     ahead: bool = False
+    constant: bool = False
 
     def scale(self, fraction: float) -> float:
         """Factor on `sd` where errors are this fraction of the stated tolerances."""
@@ -187,7 +197,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         add(f"accelerometer {axis}", "lever_arm", "m", [accelerometer_moved(f, k) for f in flights], "sensor-position")
         if axis != "y":
             add(f"vane {axis}", "lever_arm", "m", [vane_moved(f, k) for f in flights], "sensor-position")
-    return made
+    return made + _shared_errors(flights)
 
 
 def couples(response: str, term: Sequence[str]) -> bool:
@@ -223,14 +233,15 @@ def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
 
 
 def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
-    """Constant errors of one flight's instruments: name, 1 sigma, and what one unit does."""
+    """Constant errors of one recording's instruments: name, 1 sigma, and what one unit does.
+
+    Of a recording that is part of a flight, their changes since the other parts.
+    """
     if not set(COEFFICIENTS) & set(flight.simulated):
         size = {c: _LEVEL.get(c, float(np.ptp(flight.measured[c]))) for c in flight.simulated}
         return [(f"{c}: offset", size[c], {c: np.ones(len(flight))}) for c in size]
-    turned = _sd(flight.aircraft.tolerances, "alignment", flight.aircraft.cbar) or _UNSTATED
-    sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS}
-    made: list[tuple[str, float, Mapping[str, Array]]] = []
-    made += ((c, sd, x) for c, sd in sizes.items() if c in flight.recorded for x in _biased(flight, c))
+    changed = _CHANGED if flight.sequence else 1.0
+    made = [(c, changed * sd, x) for c, sd, x in _constant_errors(flight)]
     for c in _JUMPING:
         for jump in _jumps(flight, c):
             every = _jumped(flight, c, jump)
@@ -238,6 +249,24 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
             for group in (FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS):
                 if own := {r: x for r, x in every.items() if r in group}:
                     made.append((f"when {c} jumps, {group[0]} to {group[-1]}", WITHIN_SAMPLE, own))
+    return made
+
+
+def _constant_errors(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
+    """Constant errors of the instruments: name, 1 sigma, and what one unit does."""
+    turned = _sd(flight.aircraft.tolerances, "alignment", flight.aircraft.cbar) or _UNSTATED
+    sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS}
+    return [(c, sd, x) for c, sd in sizes.items() if c in flight.recorded for x in _biased(flight, c)]
+
+
+def _shared_errors(flights: Sequence[Flight]) -> list[Nuisance]:
+    """Constant errors of instruments that the recordings of one flight share."""
+    made = []
+    for sequence in dict.fromkeys(f.sequence for f in flights if f.sequence):
+        each = [_constant_errors(f) if f.sequence == sequence else [] for f in flights]
+        for k, (name, sd, _) in enumerate(max(each, key=len)):
+            columns = [errors[k][2] if errors else {} for errors in each]
+            made.append(Nuisance(f"{name}: bias", sd, "", columns, least=sd, constant=True))
     return made
 
 
@@ -284,71 +313,3 @@ def _sd(stated: Tolerances, key: str, cbar: float) -> float:
     if value == "free":
         return _FREE * usual
     return float(value) if key in stated.model_fields_set else usual
-
-
-def mass_columns(f: Flight) -> dict[str, Array]:
-    """A mass assumed too large by one part makes the measured forces too large by one part."""
-    return {c: x for c, x in zip(FORCE_COEFFICIENTS, f.forces) if c in f.measured}
-
-
-def inertia_columns(f: Flight, axis: str) -> dict[str, Array]:
-    """A moment of inertia assumed too large by one part."""
-    if f.aircraft.inertia is None:
-        return {}
-    tensor = np.array(f.aircraft.inertia.tensor)
-    k = ("Ix", "Iy", "Iz").index(axis)
-    only = np.zeros((3, 3))
-    only[k, k] = tensor[k, k]
-    lengths = (f.aircraft.b, f.aircraft.cbar, f.aircraft.b)
-    rates = (f["p"], f["q"], f["r"])
-    still = (np.zeros(len(f)),) * 3
-    qbar = f["qbar"]
-    coupling = rb.moment_coefficients(rates, still, qbar, only, f.aircraft.S, f.aircraft.b, f.aircraft.cbar)
-    made = dict(zip(MOMENT_COEFFICIENTS, coupling))
-    # Angular acceleration as the simulation would have it: the measured one would bring its noise along.
-    moment = [
-        (f.predicted(c) if c in f.simulated else 0.0) * qbar * f.aircraft.S * x
-        for c, x in zip(MOMENT_COEFFICIENTS, lengths)
-    ]
-    thrust = rb.thrust_moment(f["thrust"], f.aircraft.thrust.offset, f.aircraft.thrust.inclination)
-    turning = rb.angular_acceleration(rates, tuple(m + t for m, t in zip(moment, thrust)), tensor)
-    name = MOMENT_COEFFICIENTS[k]
-    made[name] = made[name] + tensor[k, k] * turning[k] / (qbar * f.aircraft.S * lengths[k])
-    return {c: x for c, x in made.items() if c in f.measured}
-
-
-def offset_columns(f: Flight, k: int) -> dict[str, Array]:
-    """The forces acting one chord further along body axis k than assumed."""
-    arm = [0.0, 0.0, 0.0]
-    arm[k] = f.aircraft.cbar
-    l, m, n = np.cross(np.array(arm), np.stack(f.forces, axis=-1)).T
-    made = {"Cl": l / f.aircraft.b, "Cm": m / f.aircraft.cbar, "Cn": n / f.aircraft.b}
-    return {c: x for c, x in made.items() if c in f.measured}
-
-
-def thrust_columns(f: Flight) -> dict[str, Array]:
-    """Thrust one part larger than recorded."""
-    CT = f["CT"]
-    X, _, Z = rb.thrust_force(CT, f.aircraft.thrust.inclination)
-    l, m, n = rb.thrust_moment(CT, f.aircraft.thrust.offset, f.aircraft.thrust.inclination)
-    made = {"CX": X, "CZ": Z, "Cl": l / f.aircraft.b, "Cm": m / f.aircraft.cbar, "Cn": n / f.aircraft.b}
-    return {c: x for c, x in made.items() if c in f.measured and np.any(x)}
-
-
-def accelerometer_moved(f: Flight, k: int, turning: Three | None = None) -> dict[str, Array]:
-    """An accelerometer one metre further along body axis k than assumed; with other angular accelerations if given."""
-    place = [0.0, 0.0, 0.0]
-    place[k] = -1.0  # carrying back over a negative distance carries forth
-    turning = turning or (f["p_dot"], f["q_dot"], f["r_dot"])
-    still = np.zeros(len(f))
-    rates = (f["p"], f["q"], f["r"])
-    moved = rb.acceleration_at_cg(still, still, still, rates, turning, place)
-    return misread(f, ax=moved[0], ay=moved[1], az=moved[2])
-
-
-def vane_moved(f: Flight, k: int) -> dict[str, Array]:
-    """Vanes and pitot one metre further along body axis k than assumed."""
-    place = [0.0, 0.0, 0.0]
-    place[k] = -1.0
-    V, alpha, beta = air_data_at_cg(f["V"], f["alpha"], f["beta"], f["p"], f["q"], f["r"], place)
-    return misread(f, V=V - f["V"], alpha=alpha - f["alpha"], beta=beta - f["beta"])

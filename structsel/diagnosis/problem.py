@@ -186,9 +186,11 @@ class DiagnosisProblem:
 
         A delay that is estimated from few flights may increase the error of the next one.
         """
-        timed = self._held_but([j for j, n in enumerate(self.nuisances) if n.delivered])
-        exact = self._held_but([])
-        return min(timed, exact, key=lambda one: sum(float(left @ left) for _, left in one.held_out_residuals))
+        sampling, constants = (
+            [j for j, n in enumerate(self.nuisances) if getattr(n, kind)] for kind in ("delivered", "constant")
+        )
+        tried = [self._held_but(free) for free in ([*sampling, *constants], sampling, constants, [])]
+        return min(tried, key=lambda one: sum(float(left @ left) for _, left in one.held_out_residuals))
 
     def _held_but(self, free: Sequence[int]) -> DiagnosisProblem:
         """Problem with the chosen nuisance parameters free and the others exact."""

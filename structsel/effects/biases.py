@@ -6,7 +6,8 @@ from functools import partial
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.changes import ChangeSearch
+from structsel.effects.changes import ChangeSearch, SoughtChange
+from structsel.effects.lasting_changes import lasting_changes
 from structsel.effects.operators import changes, onsets_in_words, shape_of, since
 from structsel.effects.readings import AIR, ATTITUDE, INERTIAL, Errors, present, wrong_readings
 from structsel.effects.signals import CONTROLS, gathered
@@ -46,6 +47,11 @@ def bias_variants(flights: Flights) -> list[Variant]:
             shape = shape_of(times)
             name_and_times = f"{name}, {onsets_in_words(times)}"
             made.append(Variant((constant,), wrong_readings(errors), shape, dict.fromkeys(shape, "s"), name_and_times))
+        for change in lasting_changes(flights, _SHOWS.get(channel, ()), undone=False):
+            shape = shape_of(change.times)
+            errors = partial(_changed, channel=channel, change=change)
+            name_and_times = f"{name}, from {change.when} on"
+            made.append(Variant((constant,), wrong_readings(errors), shape, dict.fromkeys(shape, "s"), name_and_times))
     return made
 
 
@@ -63,6 +69,10 @@ def _drift(flight: Flight, channel: str) -> list[Errors]:
 
 def _since(flight: Flight, channel: str, times: dict[str, float]) -> list[Errors]:
     return [{channel: since(flight, times)}]
+
+
+def _changed(flight: Flight, channel: str, change: SoughtChange) -> list[Errors]:
+    return [{channel: change.along(flight)}]
 
 
 def bias_says(found: FittedEffect) -> str:

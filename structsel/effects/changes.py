@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Flights, Variant
@@ -36,6 +37,10 @@ class SoughtChange:
         In log likelihood, roughly.
     size : (r,) array
         By response, in units of its residual.
+    later : tuple of str
+        Manoeuvres flown afterwards in the same flight, in which it is still there.
+    until : (str, float), optional
+        Manoeuvre and time [s] at which it is undone.
     """
 
     flight: str
@@ -43,12 +48,27 @@ class SoughtChange:
     duration: float
     gain: float
     size: Array
+    later: tuple[str, ...] = ()
+    until: tuple[str, float] | None = None
 
     def along(self, flight: Flight) -> Array:
-        """From zero to one as it happens; zero in other manoeuvres."""
-        if flight.name != self.flight:
+        """From zero to one as it happens; zero in other manoeuvres than its own and the later ones."""
+        if flight.name not in (self.flight, *self.later):
             return np.zeros(len(flight))
-        return ramp(flight.t, self.start, self.duration)
+        there = ramp(flight.t, self.start, self.duration)
+        return there if self.until is None else there - ramp(flight.t, self.until[1], self.duration)
+
+    @property
+    def times(self) -> dict[str, float]:
+        """Times [s] that were sought, by where they are."""
+        back = {} if self.until is None else {f"{self.until[0]}, back": self.until[1]}
+        return {self.flight: self.start} | back
+
+    @property
+    def when(self) -> str:
+        """Recordings and times, in words."""
+        back = "" if self.until is None else f" and back in {self.until[0]} at {self.until[1]:.1f} s"
+        return f"{self.flight} at {self.start:.1f} s{back}"
 
 
 def ramp(t: Array, start: float | Array, duration: float) -> Array:
@@ -67,11 +87,11 @@ class ChangeSearch:
 
     Attributes
     ----------
-    manoeuvres : sequence of (_Sought, _Sought)
+    manoeuvres : sequence of (Sought, Sought)
         Each averaged over blocks, and as it is.
     """
 
-    manoeuvres: Sequence[tuple[_Sought, _Sought]]
+    manoeuvres: Sequence[tuple[Sought, Sought]]
 
     @classmethod
     def of(cls, flights: Flights, responses: Sequence[str]) -> ChangeSearch:
@@ -81,7 +101,7 @@ class ChangeSearch:
         there = [f for f in flights if wanted and all(r in f.measured for r in wanted)]
         return cls(
             [
-                (_Sought.of(f, wanted, channels, max(1, round(_BLOCK / f.dt))), _Sought.of(f, wanted, channels, 1))
+                (Sought.of([f], wanted, channels, max(1, round(_BLOCK / f.dt))), Sought.of([f], wanted, channels, 1))
                 for f in there
             ]
         )
@@ -130,8 +150,11 @@ class ChangeSearch:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sought:
-    """Differences of one manoeuvre in which changes are sought, less what its channels could explain."""
+class Sought:
+    """Differences of a manoeuvre, or of several of one flight, in which changes are sought.
+
+    What the channels could explain is taken out.
+    """
 
     name: str
     t: Array
@@ -139,16 +162,18 @@ class _Sought:
     left: Array
 
     @classmethod
-    def of(cls, flight: Flight, responses: Sequence[str], channels: Sequence[str], step: int) -> _Sought:
-        """Averaged over `step` samples."""
-        n = len(flight) // step * step
+    def of(cls, flights: Flights, responses: Sequence[str], channels: Sequence[str], step: int) -> Sought:
+        """Averaged over `step` samples; the name is that of the first manoeuvre."""
 
-        def prepared(each: list[Array]) -> Array:
-            return _centred(_averaged(np.column_stack(each or [np.zeros(n)]), step))
+        def prepared(columns: Callable[[Flight], Sequence[Array]]) -> Array:
+            return np.concatenate(
+                [_averaged(np.column_stack([*columns(f)] or [np.zeros(len(f))]), step) for f in flights]
+            )
 
-        y = prepared([flight.difference[r][:n] for r in responses])
-        basis = _basis(prepared([flight[c][:n] for c in channels]))
-        return cls(flight.name, _averaged(flight.t[:n], step), basis, y - basis @ (basis.T @ y))
+        y = _centred(prepared(lambda f: [f.difference[r] for r in responses]))
+        basis = _basis(_centred(prepared(lambda f: [f[c] for c in channels])))
+        t = prepared(lambda f: [f.t])[:, 0]
+        return cls(flights[0].name, t, basis, y - basis @ (basis.T @ y))
 
     def starts(self, duration: float) -> Array:
         """Times at which a change may begin."""
@@ -163,15 +188,29 @@ class _Sought:
         """Rms of each response."""
         return np.maximum(np.sqrt((self.left**2).mean(axis=0)), 1e-30)
 
-    def _fitted(self, starts: Array, duration: float) -> tuple[Array, Array]:
+    def fitted(self, starts: Array, duration: float) -> tuple[Array, Array]:
         """(s, r) sizes of changes from each start, and (s,) sums of squares of their columns."""
-        S = _centred(ramp(self.t[:, None], starts, duration))
-        total = (S**2).sum(axis=0)
-        # A change that the channels themselves describe cannot be separated from them.
-        norm = np.maximum(total - ((self.basis.T @ S) ** 2).sum(axis=0), _OWN * total)
+        S = self._courses(starts, duration)
+        norm = _separable((S**2).sum(axis=0), ((self.basis.T @ S) ** 2).sum(axis=0))
         return (S.T @ self.left) / norm[:, None], norm  # what is left is orthogonal to the basis
 
-    def _gains(self, explained: Array) -> Array:
+    def fitted_pairs(
+        self, starts: Array, duration: float, first: NDArray[np.intp], last: NDArray[np.intp]
+    ) -> tuple[Array, Array]:
+        """The same of changes from some of the starts that are undone from others, (p,) places of each."""
+        S = self._courses(starts, duration)
+        along = self.basis.T @ S
+        total, described = (
+            (own := (X**2).sum(axis=0))[first] + own[last] - 2.0 * (X.T @ X)[first, last] for X in (S, along)
+        )
+        norm, products = _separable(total, described), S.T @ self.left
+        return (products[first] - products[last]) / norm[:, None], norm
+
+    def _courses(self, starts: Array, duration: float) -> Array:
+        """(n, s) changes from each start, centred."""
+        return _centred(ramp(self.t[:, None], starts, duration))
+
+    def gains(self, explained: Array) -> Array:
         """(s,) gains of changes that take (s, r) of the sums of squares of the responses."""
         fraction = np.minimum(explained / np.maximum((self.left**2).sum(axis=0), 1e-30), 1.0 - 1e-9)
         return np.asarray(-0.5 * (self.t[-1] - self.t[0]) / _MEMORY * np.log1p(-fraction).sum(axis=1))
@@ -180,27 +219,32 @@ class _Sought:
         """The likeliest change whose responses have the proportions of `step`, (r,) in their units; of either sign."""
         if not len(starts):
             return None
-        size, norm = self._fitted(starts, duration)
+        size, norm = self.fitted(starts, duration)
         shape = step / self.level
         factor = (size / self.level) @ shape / float(shape @ shape)
         along = factor[:, None] * step
-        gains = self._gains(norm[:, None] * along * (2.0 * size - along))
-        k = int(np.argmax(gains))
-        return SoughtChange(self.name, float(starts[k]), duration, float(gains[k]), size[k] / self.level)
+        gain = self.gains(norm[:, None] * along * (2.0 * size - along))
+        k = int(np.argmax(gain))
+        return SoughtChange(self.name, float(starts[k]), duration, float(gain[k]), size[k] / self.level)
 
     def best(self, starts: Array, duration: float, each: int) -> list[SoughtChange]:
         """The likeliest changes from some of the starts, at most `each`, apart from each other."""
         if not len(starts):
             return []
-        size, norm = self._fitted(starts, duration)
-        gains = self._gains(size**2 * norm[:, None])
+        size, norm = self.fitted(starts, duration)
+        gain = self.gains(size**2 * norm[:, None])
         found: list[SoughtChange] = []
-        for i in np.argsort(-gains):
+        for i in np.argsort(-gain):
             if all(abs(starts[i] - one.start) > _LEAST_DISTANCE for one in found):
-                found.append(SoughtChange(self.name, float(starts[i]), duration, float(gains[i]), size[i] / self.level))
+                found.append(SoughtChange(self.name, float(starts[i]), duration, float(gain[i]), size[i] / self.level))
             if len(found) == each:
                 break
         return found
+
+
+def _separable(total: Array, described: Array) -> Array:
+    """Sums of squares without the part that channels describe: what they describe completely cannot be separated."""
+    return np.maximum(total - described, _OWN * total)
 
 
 def _basis(x: Array) -> Array:
@@ -211,7 +255,8 @@ def _basis(x: Array) -> Array:
 
 
 def _averaged(x: Array, step: int) -> Array:
-    return x.reshape(-1, step, *x.shape[1:]).mean(axis=1)
+    n = len(x) // step * step
+    return x[:n].reshape(-1, step, *x.shape[1:]).mean(axis=1)
 
 
 def _centred(x: Array) -> Array:
@@ -228,7 +273,7 @@ def alone(changes: Sequence[SoughtChange]) -> list[Event]:
     return [((change,), np.ones(1)) for name in names for change in [c for c in changes if c.flight == name][:_SINGLE]]
 
 
-def _like(coarse: _Sought, fine: _Sought, step: Array, duration: float) -> SoughtChange | None:
+def _like(coarse: Sought, fine: Sought, step: Array, duration: float) -> SoughtChange | None:
     found = coarse.like(step, coarse.starts(duration), duration)
     if found is None or duration > 0.0:
         return found

@@ -11,6 +11,7 @@ from structsel.comparison.surrogate import CONFIGURATION
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.changes import ChangeSearch, SoughtChange, added, alone
 from structsel.effects.ice import ice_says, ice_variants
+from structsel.effects.lasting_changes import lasting_changes
 from structsel.effects.operators import shape_of
 from structsel.effects.signals import Column, from_lift_and_drag, lacking, lift_line, moves, signature
 from structsel.nomenclature import COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
@@ -66,14 +67,15 @@ def _unrecorded(flights: Flights) -> list[Variant]:
     sizes = _size((0.15, 0.03, 0.04), "-")
     search = ChangeSearch.of(flights, LONGITUDINAL_COEFFICIENTS)
     found = search.find(_DURATIONS)
+    lasting = alone(lasting_changes(flights, LONGITUDINAL_COEFFICIENTS, _DURATIONS))
     return [
         Variant(sizes, _increments(added(one, signs), None, 0.0), _times(one), _seconds(one), _when(one))
-        for one, signs in [*alone(found), *search.together(found)]
+        for one, signs in [*alone(found), *search.together(found), *lasting]
     ]
 
 
 def _times(changes: Sequence[SoughtChange]) -> dict[str, float]:
-    return shape_of({c.flight: c.start for c in changes}) | {"duration": changes[0].duration}
+    return shape_of({k: v for c in changes for k, v in c.times.items()}) | {"duration": changes[0].duration}
 
 
 def _seconds(changes: Sequence[SoughtChange]) -> dict[str, str]:
@@ -81,7 +83,7 @@ def _seconds(changes: Sequence[SoughtChange]) -> dict[str, str]:
 
 
 def _when(changes: Sequence[SoughtChange]) -> str:
-    places = ", ".join(f"{c.flight} at {c.start:.1f} s" for c in changes)
+    places = ", ".join(c.when for c in changes)
     took = changes[0].duration
     return f"{places}{f', within {took:g} s' if took else ', at once'}"
 
@@ -111,6 +113,7 @@ _WHERE = {"near the middle": 0.0, "along the span": 1.2}
 def _releases(flights: Flights) -> list[Variant]:
     search = ChangeSearch.of(flights, COEFFICIENTS)
     changes = search.find()
+    lasting = lasting_changes(flights, COEFFICIENTS, undone=False)
     return [
         Variant(
             _RELEASE,
@@ -119,7 +122,7 @@ def _releases(flights: Flights) -> list[Variant]:
             _seconds(one),
             f"{_when(one)}, from {place}",
         )
-        for one, _ in [*alone(changes), *search.together(changes, both_signs=False)]
+        for one, _ in [*alone(changes), *search.together(changes, both_signs=False), *alone(lasting)]
         for place, inertia in _WHERE.items()
     ]
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant
+from structsel.effects.lasting_changes import lasting_changes
 from structsel.effects.operators import onsets, onsets_in_words, oscillate, peaks, shape_of, since, spaced
 from structsel.effects.signals import Parts, coefficients, held, lacking, of_parts
 from structsel.nomenclature import FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
@@ -25,6 +26,7 @@ _SLOSH_FREQUENCIES = 17  # 14 % apart, as far as the wider of the resonances is 
 _SLOSH_DAMPINGS = (0.025, 0.08)
 _AROUND = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
 _ONSETS = 4  # manoeuvres in which the centre of gravity may move
+_DURATIONS = (0.0, 5.0, 10.0)  # s, of a shift: a tank that empties, a passenger who walks
 
 
 # Mass
@@ -135,6 +137,14 @@ def _shift_variants(flights: Flights) -> list[Variant]:
                 of_parts(
                     (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=partial(since, times=times)),
                     onsets_in_words(times), (), shape, dict.fromkeys(shape, "s"),
+                )
+            )  # fmt: skip
+        for change in lasting_changes(flights, responses, _DURATIONS):
+            shape = shape_of(change.times)
+            made.append(
+                of_parts(
+                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=change.along),
+                    change.when, (), shape, dict.fromkeys(shape, "s"),
                 )
             )  # fmt: skip
         if len(flights) > 2:

@@ -11,6 +11,8 @@ import numpy as np
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, ModelCase, ModelForm, Variant
+from structsel.effects.changes import SoughtChange
+from structsel.effects.lasting_changes import lasting_changes
 from structsel.effects.operators import onsets, onsets_in_words, shape_of, since, spaced
 from structsel.effects.propeller import propeller_variants, slipstream_variants
 from structsel.effects.signals import Parts, available, gathered, lacking, moves, of_parts
@@ -178,6 +180,9 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
     def from_then_on(f: Flight, times: Mapping[str, float]) -> Parts:
         return parts(f, since(f, times))
 
+    def from_change_on(f: Flight, change: SoughtChange) -> Parts:
+        return parts(f, change.along(f))
+
     made = [of_parts((arm, roll), lambda f: parts(f, 1.0), "all the time", ("CT",))]
     if {"thrust_left", "thrust_right"} <= flights[0].recorded:
 
@@ -189,6 +194,10 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
     for times in onsets(flights, ("Cn", "Cl"), _ONSETS):
         shape, columns = shape_of(times), partial(from_then_on, times=times)
         made.append(of_parts((arm, roll), columns, onsets_in_words(times), (), shape, dict.fromkeys(shape, "s")))
+    for change in lasting_changes(flights, ("Cn", "Cl"), undone=False):
+        shape, changed = shape_of(change.times), partial(from_change_on, change=change)
+        about = f"from {change.when} on"
+        made.append(of_parts((arm, roll), changed, about, (), shape, dict.fromkeys(shape, "s")))
     return made
 
 
