@@ -1,9 +1,12 @@
 """Effects missing from a simulation of a real plant: cases of benchmarks/real_recordings.py that are diagnosed."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+import structsel as ss
 from tests.benchmark_modules import load_benchmark
 
 ROOT = Path(__file__).parents[1]
@@ -43,3 +46,30 @@ def test_what_has_its_own_model_is_within_tolerances(name):
     _, found = real.run(name)
     assert found.verdict == "consistent"
     assert not found.findings
+
+
+@pytest.fixture(scope="module")
+def citation(tmp_path_factory):
+    """Cases cut from one flight, each in two ways."""
+    folder = tmp_path_factory.mktemp("citation")
+    subprocess.run([sys.executable, str(DATA / "citation-flight" / "make_case.py"), str(folder)], check=True)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("case", "accepted", "response"),
+    [
+        ("cg-30s", {"cg-shift"}, "Cm"),
+        ("cg-60s", {"cg-shift"}, "Cm"),
+        ("stall-30s", {"stall-hysteresis", "static-stall"}, "CZ"),
+        ("stall-60s", {"stall-hysteresis", "static-stall"}, "CZ"),
+        ("flaps-60s", {"configuration-change"}, "CZ"),
+    ],
+)
+def test_what_happened_in_a_flight_is_named_however_it_was_cut(citation, case, accepted, response):
+    folder = citation / case
+    recordings = ss.read_recordings(folder / "recordings")
+    found = ss.diagnose(folder / "simulated", recordings, ss.Aircraft.from_toml(folder / "aircraft.toml"))
+    assert found.verdict == "mismatch"
+    assert found.findings[0].effect in accepted
+    assert response in found.findings[0].axes

@@ -210,12 +210,16 @@ def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping
     made = []
     for i in order:
         member = members[i]
+        without = plain.subset(kept)
         kept += member.places
         with_it = judging.held_out(plain.subset(kept))
         after = judging.refitted(with_it, judging.held_out(problem.subset(kept)))
         third = judging.fit(got, after, responses)
         bars = {c: Bars(first[c], second[c], third[c]) for c in responses if c in third}
-        axes = _axes(judging.gains(before, with_it, responses), problem, member)
+        compared = before, with_it
+        if member.steps[0].score.event:  # no other flight predicts it
+            compared = judging.fitted(without), judging.fitted(plain.subset(kept))
+        axes = _axes(judging.gains(*compared, responses), problem, member)
         parts = contributions(problem, member.places)
         noise = noise_rms(problem)
         intervals = find_intervals(problem.flights, parts, noise)

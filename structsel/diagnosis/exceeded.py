@@ -131,8 +131,7 @@ def explained_by_form(
     """
     made = {}
     for n in problem.nuisances:
-        acts_on = {c for x in n.columns for c in x}
-        power = {c: np.mean(np.concatenate([x[c] for x in n.columns if c in x]) ** 2) for c in acts_on}
+        power = {c: np.mean(np.concatenate([x[c] for x in n.columns if c in x]) ** 2) for x in n.columns for c in x}
         shows = max((n.sd * np.sqrt(p) / (size[c] * form[c]) for c, p in power.items() if c in size), default=0.0)
         made[n.name] = 1.0 / max(shows, 1e-3)
     return made

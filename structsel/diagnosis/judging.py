@@ -29,7 +29,7 @@ def as_given(problem: DiagnosisProblem) -> Residuals:
     return [_spectra(problem, m, problem.flights[m].difference) for group in problem.base.groups for m in group]
 
 
-def held_out(problem: DiagnosisProblem, level: bool = False) -> Residuals:
+def held_out(problem: DiagnosisProblem, level: bool = False, but_for: Collection[str] = ()) -> Residuals:
     """Residual of tolerances and effects whose parameters are estimated from the other flights.
 
     Parameters
@@ -37,12 +37,20 @@ def held_out(problem: DiagnosisProblem, level: bool = False) -> Residuals:
     problem : DiagnosisProblem
     level : bool
         With the constant part that biases do not explain.
+    but_for : collection of str
+        Names of flights that do not count.
     """
-    first = 0 if level else 1
-    return [
-        {c: (left[r.part(c)] / r.weight[c])[first:] for c in problem.responses}
-        for r, left in problem.held_out_residuals
-    ]
+    each = [(r, left) for r, left in problem.held_out_residuals if r.flight.name not in but_for]
+    return _coefficients(problem, each, 0 if level else 1)
+
+
+def fitted(problem: DiagnosisProblem) -> Residuals:
+    """Residual of tolerances and effects whose parameters are estimated from all flights."""
+    return _coefficients(problem, problem.fitted_residuals, 1)
+
+
+def _coefficients(problem: DiagnosisProblem, left_of: Sequence[tuple[Rows, Array]], first: int) -> Residuals:
+    return [{c: (left[r.part(c)] / r.weight[c])[first:] for c in problem.responses} for r, left in left_of]
 
 
 def _spectra(problem: DiagnosisProblem, m: int, signals: Mapping[str, Array]) -> dict[str, Array]:

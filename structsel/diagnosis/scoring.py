@@ -75,8 +75,12 @@ class EffectScore:
     @property
     def event(self) -> bool:
         """Whether no other flight can predict it: it begins at times of its own, or acts in one flight only."""
-        at_times = self.hypothesis.event and _event_times(self.signature) > 0
-        return at_times or len(self.signature.flights) == 1 < len(self.predictive)
+        return self.alone or (self.hypothesis.event and _event_times(self.signature) > 0)
+
+    @property
+    def alone(self) -> bool:
+        """Whether it acts in one flight only."""
+        return len(self.signature.flights) == 1 < len(self.predictive)
 
     @property
     def trial(self) -> Trial:

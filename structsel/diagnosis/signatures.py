@@ -14,6 +14,9 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import spectrum
 
 _FAINT = 1e-6  # rms of a signature over that of the differences, below which it is not used
+_TAIL = 0.05
+"""Power of an effect relative to its largest in any flight, up to which it does not act in another one: from there its
+size would be extrapolated by a factor of more than four."""
 
 _AT_ONCE = 16  # forms that are transformed together
 
@@ -85,6 +88,15 @@ def spectra_of(variants: Sequence[Variant], flight: Flight, responses: Sequence[
     return [{c: together[:, (end := next(ends)) - x.shape[1] : end] for c, x in one.items()} for one in added]
 
 
+def _acting(spectra: Sequence[Mapping[str, Array]], flights: Sequence[Flight]) -> frozenset[str]:
+    """Flights on which an effect acts: more than the tails of what it does in another one."""
+    powers = [{c: float(np.sum(x**2)) for c, x in one.items()} for one in spectra]
+    largest = {c: max(power.get(c, 0.0) for power in powers) for c in {c for power in powers for c in power}}
+    return frozenset(
+        f.name for f, power in zip(flights, powers) if any(x > _TAIL * largest[c] for c, x in power.items())
+    )
+
+
 def each_spectra(
     variants: Sequence[Variant], flights: Sequence[Flight], responses: Sequence[str]
 ) -> Iterator[list[dict[str, Array]]]:
@@ -126,7 +138,7 @@ def work_out(
         zip(jobs, each_spectra([v for _, v in jobs], flights, responses))
     ):
         if any(float(np.abs(x).max()) > _FAINT * size[c] for part in made for c, x in part.items()):
-            found.append(Signature(hypothesis, variant, made, frozenset(f.name for f, x in zip(flights, made) if x)))
+            found.append(Signature(hypothesis, variant, made, _acting(made, flights)))
         if done % _AT_ONCE == 0 or done == len(jobs) - 1:
             tell("signatures", done + 1, len(jobs))
     seen = {s.hypothesis.name for s in found}

@@ -27,7 +27,7 @@ def beyond_form(without: DiagnosisProblem, extended: DiagnosisProblem) -> float:
     flights, effect = extended.flights, len(extended.accepted) - 1
     errors = flights[0].form_error
     responses = extended.accepted[effect].responses
-    if not set(responses) & set(flights[0].simulated) <= set(errors):
+    if not errors or not set(responses) & set(flights[0].simulated) <= set(errors):
         return np.inf
     added = contributions(extended, [effect])
     kinematic = set(responses) - set(flights[0].simulated)

@@ -7,7 +7,7 @@ standard deviations beforehand. Every result is a sum of small matrices.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -285,18 +285,18 @@ class Base:
     def _evaluate_group(self, sets: Sequence[Sequence[Further]]) -> list[Trial]:
         """Trials of sets with equal numbers of columns, computed together."""
 
-        def all_and_without(parts: Callable[[Further], Array]) -> Array:  # (1 + m, sets, ...)
-            return self._all_and_without(np.stack([[parts(one) for one in each] for each in sets], axis=1))
+        def all_and_without(name: str) -> Array:  # (1 + m, sets, ...)
+            return self._all_and_without(np.stack([[getattr(one, name) for one in each] for each in sets], axis=1))
 
-        cross = all_and_without(lambda one: one.cross.T)
-        own, with_y = all_and_without(lambda one: one.own), all_and_without(lambda one: one.with_y)
-        left, n, width, k = cross.shape
+        cross, own, with_y = map(all_and_without, ("cross", "own", "with_y"))
+        left, n, k, width = cross.shape
+        side_by_side = cross.transpose(0, 2, 1, 3).reshape(left, k, n * width)
         brought, first, inner = [], [], []
         for scale, inverse, rotated in zip(self.scales, self._inverse, self._rotated):
-            # The products of each set are contiguous in memory.
-            V = (cross.reshape(left, n * width, k) @ np.swapaxes(inverse * scale, -1, -2)).reshape(cross.shape)
-            held = np.eye(width) + own - V @ np.swapaxes(V, -1, -2)
-            s = with_y - (V @ rotated[:, None, :, None])[..., 0]
+            V = (inverse @ (scale[:, None] * side_by_side)).reshape(left, k, n, width).transpose(0, 2, 1, 3)
+            turned = np.swapaxes(V, -1, -2)
+            held = np.eye(width) + own - turned @ V
+            s = with_y - (turned @ rotated[:, None, :, None])[..., 0]
             theta = np.linalg.solve(held, s[..., None])[..., 0]
             brought.append(0.5 * (s * theta).sum(axis=-1) - 0.5 * np.linalg.slogdet(held)[1])
             first.append(theta[0])
