@@ -241,7 +241,7 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
         size = {c: _LEVEL.get(c, float(np.ptp(flight.measured[c]))) for c in flight.simulated}
         return [(f"{c}: offset", size[c], {c: np.ones(len(flight))}) for c in size]
     changed = _CHANGED if flight.sequence else 1.0
-    made = [(c, changed * sd, x) for c, sd, x in _constant_errors(flight)]
+    made = [(c, changed * sd, x) for (c, _), (sd, x) in _constant_errors(flight).items()]
     for c in _JUMPING:
         for jump in _jumps(flight, c):
             every = _jumped(flight, c, jump)
@@ -252,21 +252,23 @@ def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
     return made
 
 
-def _constant_errors(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:
-    """Constant errors of the instruments: name, 1 sigma, and what one unit does."""
+def _constant_errors(flight: Flight) -> dict[tuple[str, int], tuple[float, Mapping[str, Array]]]:
+    """Constant errors of the instruments, numbered for each channel: 1 sigma, and what one unit does."""
     turned = _sd(flight.aircraft.tolerances, "alignment", flight.aircraft.cbar) or _UNSTATED
     sizes: dict[str, float] = {**dict.fromkeys(_TURNED, turned), **_BIAS}
-    return [(c, sd, x) for c, sd in sizes.items() if c in flight.recorded for x in _biased(flight, c)]
+    return {
+        (c, k): (sd, x) for c, sd in sizes.items() if c in flight.recorded for k, x in enumerate(_biased(flight, c))
+    }
 
 
 def _shared_errors(flights: Sequence[Flight]) -> list[Nuisance]:
     """Constant errors of instruments that the recordings of one flight share."""
     made = []
     for sequence in dict.fromkeys(f.sequence for f in flights if f.sequence):
-        each = [_constant_errors(f) if f.sequence == sequence else [] for f in flights]
-        for k, (name, sd, _) in enumerate(max(each, key=len)):
-            columns = [errors[k][2] if errors else {} for errors in each]
-            made.append(Nuisance(f"{name}: bias", sd, "", columns, least=sd, constant=True))
+        each = [_constant_errors(f) if f.sequence == sequence else {} for f in flights]
+        for error, (sd, _) in {k: v for errors in each for k, v in errors.items()}.items():
+            columns = [errors[error][1] if error in errors else {} for errors in each]
+            made.append(Nuisance(f"{error[0]}: bias", sd, "", columns, least=sd, constant=True))
     return made
 
 

@@ -276,8 +276,8 @@ def _admissible(
             gained = judging.gains(before, judging.held_out(extended, True), extended.judged_responses)
             lowers, degrades = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
             if one.alone:  # other flights cannot predict the one on which it acts
-                others = (judging.held_out(b, True, one.signature.flights) for b in (plain, extended))
-                degrades = -min(judging.gains(*others, extended.judged_responses).values(), default=0.0)
+                without, with_it = (judging.held_out(b, True, one.signature.flights) for b in (plain, extended))
+                degrades = -min(judging.gains(without, with_it, extended.judged_responses).values(), default=0.0)
             if degrades > _DEGRADES:
                 alternatives.remove(one)
             else:
