@@ -147,7 +147,7 @@ def test_a_simulation_evaluated_at_noisy_readings_is_referred_to_smooth_states()
 def test_rows_are_white(correct):
     rows = CausalRows(correct, tolerances_of(correct))
     null = rows.null()
-    white = rows.white("CZ", 0, null.filters["CZ"])[:, -1]
+    white = null.filters["CZ"].white(rows.columns("CZ")[0], 0)[:, -1]
     assert_allclose(white.std(), 1.0, atol=0.15)
     assert abs(np.corrcoef(white[1:], white[:-1])[0, 1]) < 0.15
 

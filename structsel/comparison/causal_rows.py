@@ -135,6 +135,14 @@ class Filter:
             np.matmul(band[:some, : some + p], columns[first : first + some + p], out=made[first : first + some])
         return made if x.ndim == 2 else made[:, 0]
 
+    def white(self, columns: Array, i: int) -> Array:
+        """White rows of flight i."""
+        return np.asarray(self(columns) / np.sqrt(self.variance[i]))
+
+    def products(self, columns: Sequence[Array]) -> list[Array]:
+        """Products of the white rows of each flight, from its columns (n, k)."""
+        return [W.T @ W / variance for W, variance in zip(map(self, columns), self.variance)]
+
 
 @dataclass(frozen=True, eq=False)
 class Null:
@@ -142,6 +150,7 @@ class Null:
 
     log_evidence: float
     filters: Mapping[str, Filter]
+    products: Mapping[str, Sequence[Array]]
     mean: Array
     covariance: Array
     A: Array
@@ -200,12 +209,14 @@ class CausalRows:
     def null(self, rounds: int = 4) -> Null:
         """Evidence of tolerances and biases alone; noise and coefficients are found in turn."""
         left = {(c, i): y - y.mean() for (c, i), y in self.y.items()}
+        columns = {c: self.columns(c) for c in self.responses}
         for turn in range(rounds + 1):
             filters = {c: self._filter([left[c, i] for i in range(len(self.flights))]) for c in self.responses}
+            products = {c: filters[c].products(columns[c]) for c in self.responses}
             A, b, power = np.zeros((self.q, self.q)), np.zeros(self.q), {}
             for c in self.responses:
                 power[c] = 0.0
-                for i, G in enumerate(self.products(c, filters[c])):
+                for i, G in enumerate(products[c]):
                     at = self.place[c, i]
                     A[np.ix_(at, at)] += G[:-1, :-1]
                     b[at] += G[:-1, -1]
@@ -218,33 +229,23 @@ class CausalRows:
         density = {c: self._density(filters[c]) for c in self.responses}
         log = -0.5 * (sum(power.values()) - float(half @ half)) - float(np.log(np.diag(lower)).sum())
         covariance = scipy.linalg.cho_solve((lower, True), np.eye(self.q))
-        return Null(log + sum(density.values()), filters, mean, covariance, A, b, power, density)
+        return Null(log + sum(density.values()), filters, products, mean, covariance, A, b, power, density)
 
-    def white(self, response: str, i: int, filtered: Filter, more: Array | None = None) -> Array:
-        """White rows of one flight: tolerances and biases, the difference, further columns."""
-        parts = [self.X[response, i], self.y[response, i][:, None]]
-        if more is not None:
-            parts.append(more)
-        W = filtered(np.hstack(parts))
-        return np.asarray(W / np.sqrt(filtered.variance[i]))
-
-    def products(self, response: str, filtered: Filter, more: Sequence[Array] | None = None) -> list[Array]:
-        """Products of the white rows of each flight."""
-        made = []
-        for i in range(len(self.flights)):
-            W = self.white(response, i, filtered, None if more is None else more[i])
-            made.append(W.T @ W)
-        return made
+    def columns(self, response: str, more: Sequence[Array] | None = None) -> list[Array]:
+        """Tolerances and biases of each flight, the difference, and further columns."""
+        made = [np.hstack([self.X[response, i], self.y[response, i][:, None]]) for i in range(len(self.flights))]
+        return made if more is None else [np.hstack(pair) for pair in zip(made, more)]
 
     def _filter(self, left: Sequence[Array]) -> Filter:
         """Autoregression of residuals by least squares over all flights, and the variances that it leaves."""
         p = self.order
         past = [np.column_stack([x[p - k : len(x) - k] for k in range(1, p + 1)]) for x in left]
+        products, with_y = [x.T @ x for x in past], [x.T @ y[p:] for x, y in zip(past, left)]
         own, common = np.zeros(p), 1.0
         variance: Array = np.ones(len(left))
         for _ in range(2):
-            M = sum(x.T @ x / v for x, v in zip(past, variance))
-            v = sum(x.T @ y[p:] / w for x, y, w in zip(past, left, variance))
+            M = sum(G / w for G, w in zip(products, variance))
+            v = sum(b / w for b, w in zip(with_y, variance))
             own = np.linalg.solve(M + max(_RIDGE * float(np.trace(M)) / p, 1e-30) * np.eye(p), v)
             squares = np.array([float(np.sum((y[p:] - x @ own) ** 2)) + 1e-30 for x, y in zip(past, left)])
             variance, common = self._variances(squares)
@@ -279,18 +280,18 @@ class CausalRows:
         """
         first = null.filters[response]
         A0, b0 = null.A.copy(), null.b.copy()
-        for i, G in enumerate(self.products(response, first)):
+        for i, G in enumerate(null.products[response]):
             at = self.place[response, i]
             A0[np.ix_(at, at)] -= G[:-1, :-1]
             b0[at] -= G[:-1, -1]
         others = sum(x for c, x in null.power.items() if c != response)
         density = sum(x for c, x in null.density.items() if c != response)
-        K = F[0].shape[1]
+        K, columns = F[0].shape[1], self.columns(response, F)
         noise, best = first, Remainder(-np.inf, 0.0, np.zeros(K))
         for turn in range(rounds + 1):
             A, b, power = A0.copy(), b0.copy(), 0.0
             S, C, z = np.zeros((K, K)), np.zeros((K, self.q)), np.zeros(K)
-            for i, G in enumerate(self.products(response, noise, F)):
+            for i, G in enumerate(noise.products(columns)):
                 at = self.place[response, i]
                 m = len(at)
                 A[np.ix_(at, at)] += G[:m, :m]
@@ -328,7 +329,7 @@ class CausalRows:
         cross, z, full = np.zeros((count, self.q)), np.zeros(count), np.zeros(count)
         for i, S in columns.items():
             m = self.X[response, i].shape[1]
-            W = self.white(response, i, null.filters[response], S)
+            W = null.filters[response].white(np.hstack([self.X[response, i], self.y[response, i][:, None], S]), i)
             s = W[:, m + 1 :]
             cross[:, self.place[response, i]] += s.T @ W[:, :m]
             z += s.T @ W[:, m]
