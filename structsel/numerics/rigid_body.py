@@ -323,20 +323,33 @@ def state_derivative(
     ----------
     [M86], [KM16] ch. 3.
     """
+    state = np.asarray(state, dtype=float)
+    moved = motion_derivative(state[:8], coefficients, rho, airframe, thrust)
+    out = np.empty((12, *moved.shape[1:]))
+    out[:9] = moved
+    north, east, down = np.einsum("...ij,j...->i...", body_to_earth(*state[6:9]), state[0:3])
+    out[9], out[10], out[11] = north + wind[0], east + wind[1], -(down + np.asarray(wind[2]))
+    return out
+
+
+def motion_derivative(
+    state: Values, coefficients: Values, rho: Values, airframe: Airframe, thrust: Values = 0.0
+) -> np.ndarray:
+    """Derivative (9, ...) of u v w, p q r and phi theta psi from a state (8, ...) without psi and the position.
+
+    Parameters as in `state_derivative`.
+    """
     mass, inertia, S, b, cbar, offset, inclination, rotor_momentum = airframe
     state = np.asarray(state, dtype=float)
     CX, CY, CZ, Cl, Cm, Cn = np.asarray(coefficients, dtype=float)
-    velocity, rates = state[0:3], state[3:6]
-    phi, theta, psi = state[6:9]
+    velocity, rates, (phi, theta) = state[0:3], state[3:6], state[6:8]
     qbar = 0.5 * rho * np.sum(velocity**2, axis=0)
     force = specific_force(CX, CY, CZ, qbar, mass, S, thrust, inclination)
     LT, MT, NT = thrust_moment(thrust, offset, inclination)
     qS = qbar * S
     moment = (qS * b * Cl + LT, qS * cbar * Cm + MT, qS * b * Cn + NT)
-    out = np.empty(np.broadcast_shapes(state.shape, (12, *np.shape(qS * CX))))
+    out = np.empty((9, *np.broadcast_shapes(state.shape[1:], np.shape(qS * CX))))
     out[0:3] = velocity_derivative(velocity, rates, force, phi, theta)
     out[3:6] = angular_acceleration(rates, moment, inertia, rotor_momentum)
     out[6:9] = euler_rates(rates[0], rates[1], rates[2], phi, theta)
-    north, east, down = np.einsum("...ij,j...->i...", body_to_earth(phi, theta, psi), velocity)
-    out[9], out[10], out[11] = north + wind[0], east + wind[1], -(down + np.asarray(wind[2]))
     return out

@@ -130,8 +130,7 @@ class CoefficientTables:
             mass, aircraft.inertia.tensor, aircraft.S, aircraft.b, aircraft.cbar, aircraft.thrust.offset,
             aircraft.thrust.inclination, aircraft.engine.angular_momentum,
         )  # fmt: skip
-        motion = np.concatenate([x, np.zeros((4, *x.shape[1:]))])
-        rates = rb.state_derivative(motion, coefficients, rho, airframe, thrust)[:8]
+        rates = rb.motion_derivative(x, coefficients, rho, airframe, thrust)[:8]
         # Rates of V, alpha, beta as rates of u, v, w.
         dV, dalpha, dbeta, dphi, dtheta = at_step(self.reading_rates)
         level = np.hypot(u, w)
