@@ -128,15 +128,16 @@ def phased(harmonics: np.ndarray, powers: np.ndarray, n: int, *, seed: int = 0) 
     finest = max(n, 16 * int(harmonics.max()))
     angles = 2.0 * np.pi * np.outer(harmonics, np.arange(finest) / finest)
     rms = float(np.sqrt(powers.sum()))
+    in_phase, ahead = np.cos(angles), -np.sin(angles)
 
     def cost(phases: np.ndarray, p: int) -> tuple[float, np.ndarray]:
-        inside = angles + phases[:, None]
-        wave = amplitudes @ np.cos(inside) / rms
+        real, imaginary = amplitudes * np.cos(phases), amplitudes * np.sin(phases)
+        wave = (real @ in_phase + imaginary @ ahead) / rms
         top = np.abs(wave).max()
         level = (np.abs(wave) / top) ** p
         value = top * float(np.mean(level)) ** (1.0 / p)
         slope = value / level.sum() * (np.abs(wave) / top) ** (p - 1) * np.sign(wave) / top
-        return value, -(amplitudes[:, None] * np.sin(inside)) @ slope / rms
+        return value, (real * (ahead @ slope) - imaginary * (in_phase @ slope)) / rms
 
     rng = np.random.default_rng(seed)
     level = np.cumsum(powers) / powers.sum()
