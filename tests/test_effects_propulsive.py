@@ -1,5 +1,7 @@
 """Propulsion beyond its declared thrust along its declared line: simulated, and found in the difference."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -110,3 +112,13 @@ def test_a_constant_thrust_gives_no_finding():
     for h in EFFECTS:
         if h.name != "engine-gyroscopic":
             assert "thrust" in h.needs(still)
+
+
+@pytest.mark.parametrize(("change", "told"), [(0.1, False), (0.4, True)])
+def test_terms_of_a_thrust_that_hardly_changes_are_derivatives(change, told):
+    flights = []
+    for k, f in enumerate(compare(fly())):
+        thrust = 0.05 * (1.0 + change * (k % 2)) * f["qbar"] * AIRCRAFT.S
+        flights.append(replace(f, channels={**f.channels, "thrust": thrust}))
+    for name in ("slipstream", "propeller-normal-force"):
+        assert (effect_named(name).needs(flights) == "") is told

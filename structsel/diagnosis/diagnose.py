@@ -22,6 +22,7 @@ from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.detection import Detection, detect
+from structsel.diagnosis.material import find_material
 from structsel.diagnosis.notes import notes
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking, rank
@@ -159,6 +160,8 @@ def conclude(
     traces = traces_of(ranking)
     left = residuals(ranking.problem)
     if turbulence is None:
+        if findings:
+            findings = find_material(ranking, findings)
         findings += find_unknown(ranking, left, responses, ceiling)
         if not findings:
             findings += detected(ranking, responses)

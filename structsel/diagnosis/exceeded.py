@@ -17,7 +17,7 @@ from structsel.numerics.evidence import wider_priors
 
 _WIDER = np.array([5.0, 15.0, 50.0])
 """Prior standard deviations of an exceeded parameter, over its stated tolerance (1 sigma); equally probable."""
-_EVEN = 4.0
+EVEN = 4.0
 """Deviation in stated tolerances at which a well determined parameter has probability one half to be exceeded."""
 
 
@@ -33,7 +33,7 @@ class ExceededTolerance:
     std : float
         Standard error of the deviation.
     log_bayes : float
-        Log Bayes factor of the exceeded tolerance over all as stated.
+        Log Bayes factor of the exceeded tolerance over all as stated; NaN where it was not computed, as `alone`.
     alone : float
         Probability that no other tolerance is exceeded, and that no parameter without a tolerance is the cause.
     """
@@ -41,13 +41,13 @@ class ExceededTolerance:
     tolerance: Nuisance
     deviations: float
     std: float
-    log_bayes: float
-    alone: float
+    log_bayes: float = float("nan")
+    alone: float = float("nan")
 
     @property
     def log_odds(self) -> float:
         """Log odds that the tolerance is exceeded."""
-        return self.log_bayes - _log_bayes_at(_EVEN)
+        return self.log_bayes - _log_bayes_at(EVEN)
 
     @property
     def effect(self) -> str:
@@ -109,7 +109,7 @@ def exceeded(
     for j in sorted((j for j in stated if logs[j] > 0.0), key=lambda j: -logs[j]):
         freed, spread = _freed(mean, covariance, j, _WIDER[-1] / scale[j])
         left = worth * _log_bayes(freed, np.diag(spread), scale)[[i for i in stated if i != j]]
-        alone = scipy.special.expit(_log_bayes_at(_EVEN) - left.max(initial=-np.inf))
+        alone = scipy.special.expit(_log_bayes_at(EVEN) - left.max(initial=-np.inf))
         alone = float(alone * scipy.special.expit(logs[j] - others))
         off, std = stated_scale[j] * freed[j], stated_scale[j] * np.sqrt(spread[j, j])
         made.append(ExceededTolerance(tolerances[j], float(off), float(std), float(logs[j]), alone))
@@ -138,19 +138,24 @@ def explained_by_form(
 
 
 def exceeded_as_recorded(
-    problem: DiagnosisProblem, form: Mapping[str, float] | None = None
+    problem: DiagnosisProblem, form: Mapping[str, float] | None = None, white: float | None = None
 ) -> tuple[ExceededTolerance, ...]:
     """Exceeded tolerances from the rows of the diagnosis, which use later samples too.
 
     The white noise of the instruments causes no motion, but any other residual of the forces may have caused it. The
-    evidence therefore counts in proportion to the white noise in the residual.
+    evidence therefore counts in proportion to the white noise in the residual, or to `white` if that is given.
     """
     k = len(problem.nuisances)
     base = problem.base
     scale = np.ones(len(base.posterior.mean))
     scale[:k] = base.scales[base.chosen][:k]
     return exceeded(
-        problem.nuisances, base.posterior.mean, base.posterior.covariance, scale, white_fraction(problem), form
+        problem.nuisances,
+        base.posterior.mean,
+        base.posterior.covariance,
+        scale,
+        white_fraction(problem) if white is None else white,
+        form,
     )
 
 

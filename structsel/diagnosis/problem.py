@@ -192,15 +192,23 @@ class DiagnosisProblem:
         tried = [self._held_but(free) for free in ([*sampling, *constants], sampling, constants, [])]
         return min(tried, key=lambda one: sum(float(left @ left) for _, left in one.held_out_residuals))
 
-    def _held_but(self, free: Sequence[int]) -> DiagnosisProblem:
-        """Problem with the chosen nuisance parameters free and the others exact."""
+    def with_exceeded(self, tolerance: Nuisance, wider: float) -> DiagnosisProblem:
+        """Problem as given, with one parameter free, whose prior is wider than its tolerance by a factor; the last."""
+        given = {id(n) for n in self.as_given.nuisances} - {id(tolerance)}
+        at = {id(n): j for j, n in enumerate(self.nuisances)}
+        return self._held_but([*(at[k] for k in at if k in given), at[id(tolerance)]], wider)
+
+    def _held_but(self, free: Sequence[int], wider: float = 1.0) -> DiagnosisProblem:
+        """Problem with the chosen nuisance parameters free, the last of them by a wider prior, and the others exact."""
         k = len(self.nuisances)
         columns = [*free, *range(k, k + sum(s.width for s in self.accepted))]
+        scales = np.ones((1, len(columns)))
+        scales[0, len(free) - 1 : len(free)] = wider
         return replace(
             self,
             nuisances=[self.nuisances[j] for j in free],
             allowed=[{c: x[:, free] for c, x in a.items()} for a in self.allowed],
-            base=self.base.select_columns(columns, np.ones((1, len(columns)))),
+            base=self.base.select_columns(columns, scales),
         )
 
     def subset(self, kept: Sequence[int]) -> DiagnosisProblem:

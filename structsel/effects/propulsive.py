@@ -15,7 +15,7 @@ from structsel.effects.changes import SoughtChange
 from structsel.effects.lasting_changes import lasting_changes
 from structsel.effects.operators import onsets, onsets_in_words, shape_of, since, spaced
 from structsel.effects.propeller import propeller_variants, slipstream_variants
-from structsel.effects.signals import Parts, available, gathered, lacking, moves, of_parts
+from structsel.effects.signals import Parts, available, gathered, lacking, moves, of_parts, reach
 from structsel.effects.wording import percent
 from structsel.model import State
 from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
@@ -24,10 +24,25 @@ from structsel.numerics.dynamic_elements import first_order_lag
 
 _AXIAL = "along the axis alone"
 _ONSETS = 5  # manoeuvres in which thrust may become asymmetric
+_CHANGE = 0.2  # least range of the thrust coefficient over its largest value
 
 
 def _thrust_needs(responses: tuple[str, ...]) -> Callable[[Flights], str]:
     return lambda flights: lacking(flights, responses, ("thrust",))
+
+
+def _changing_thrust_needs(responses: tuple[str, ...]) -> Callable[[Flights], str]:
+    """As `_thrust_needs`, and thrust that changes: with a constant one, every term of it is a derivative."""
+
+    def needs(flights: Flights) -> str:
+        if gone := lacking(flights, responses, ("thrust",)):
+            return gone
+        low, high = reach(flights, "CT")
+        if high - low < _CHANGE * max(abs(low), abs(high)):
+            return f"a thrust coefficient that changes by {100 * _CHANGE:.0f} % or more"
+        return ""
+
+    return needs
 
 
 def _along_thrust(flight: Flight, CT: Array, part: str = "") -> Parts:
@@ -208,7 +223,7 @@ def _all_parameters(found: FittedEffect) -> str:
 EFFECTS: tuple[Effect, ...] = (
     Effect(
         "slipstream", "propulsive", "The propeller's wash raises the dynamic pressure at wing, tail and controls.",
-        _thrust_needs(COEFFICIENTS), slipstream_variants,
+        _changing_thrust_needs(COEFFICIENTS), slipstream_variants,
         lambda found: f"The slipstream acts {found.variant.about}: {_all_parameters(found)}.",
         look_alikes=("thrust-line", "wrong-derivative", "propeller-normal-force"),
         separated_by="throttle steps while the elevator moves: a thrust line does not care for the elevator",
@@ -238,7 +253,7 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         "propeller-normal-force", "propulsive", "A propeller in flow across its shaft: force across it, and P-factor.",
-        _thrust_needs(("CZ", "CY", "Cm", "Cn")), propeller_variants,
+        _changing_thrust_needs(("CZ", "CY", "Cm", "Cn")), propeller_variants,
         lambda found: f"The propeller feels flow across its shaft ({found.variant.about}): {_all_parameters(found)}.",
         look_alikes=("slipstream", "wrong-derivative", "cross-coupling"),
         separated_by="angle of attack and sideslip at idle and at full power",
