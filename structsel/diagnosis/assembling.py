@@ -130,7 +130,7 @@ def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str
         for w, s, t in zip(score.weights, score.signatures, score.trials)
         if set(s.variant.shape) == set(variant.shape)
         and (s.variant.about, s.variant.only_in) == (variant.about, variant.only_in)
-        and len(t.theta) == len(variant.parameters)
+        and [p.name for p in s.variant.parameters] == [p.name for p in variant.parameters]
     ]
     # No form is exact: the spread of those that are nearly as good is part of the uncertainty.
     logs = np.array([w for w, _, _ in alike]) / max(_TEMPERATURE, _OF_BEST * score.log_evidence)
