@@ -11,7 +11,8 @@ from scipy.stats import norm
 
 import structsel as ss
 from structsel.coefficients import compute_coefficients
-from structsel.comparison.causal_rows import CausalRows, averaged, evaluated_at_readings, referred
+from structsel.comparison.causal_rows import CausalRows
+from structsel.comparison.past_motion import averaged, evaluated_at_readings, referred
 from structsel.comparison.preparing import prepare
 from structsel.comparison.sensitivity import misread
 from structsel.comparison.tolerances import Nuisance, _jumped, tolerances_of

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from structsel.comparison.causal_rows import DELAY, CausalRows, Null, delayed
+from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.flight import AIRFRAME, Flight
+from structsel.comparison.past_motion import DELAY, delayed
 from structsel.comparison.tolerances import Nuisance
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, explained_by_form
 from structsel.diagnosis.problem import DiagnosisProblem
