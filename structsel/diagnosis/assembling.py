@@ -28,7 +28,7 @@ _NEGLIGIBLE = 0.02
 """Fraction of what the others leave of a response, below which one of several effects is no finding if it explains no
 more of any response. In the evaluation with seeds from 1096000 and in 41 cases of an independent generator five effects
 were below 0.014, all false; true ones had 0.06 or more."""
-_UNKNOWN_SAYS = "A cause that is not in the library."
+UNKNOWN_SAYS = "A cause that is not in the library."
 _TEMPERATURE, _OF_BEST = 4.0, 0.02
 """Temperature of the weights of forms, because rows are only nearly white; and its least value over the log evidence of
 the best form, because no form is exact."""
@@ -205,20 +205,20 @@ def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping
     first = judging.fit(got, delivered, responses)
     second = judging.fit(got, judging.refitted(delivered, judging.held_out(problem.subset([]))), responses)
     kept: list[int] = []
-    bare = plain.subset([])
+    bare = without = plain.subset([])
     before = judging.held_out(bare)
     made = []
     for i in order:
         member = members[i]
-        without = plain.subset(kept)
         kept += member.places
-        with_it = judging.held_out(plain.subset(kept))
+        extended = plain.subset(kept)
+        with_it = judging.held_out(extended)
         after = judging.refitted(with_it, judging.held_out(problem.subset(kept)))
         third = judging.fit(got, after, responses)
         bars = {c: Bars(first[c], second[c], third[c]) for c in responses if c in third}
         compared = before, with_it
         if member.steps[0].score.event:  # no other flight predicts it
-            compared = judging.fitted(without), judging.fitted(plain.subset(kept))
+            compared = judging.fitted(without), judging.fitted(extended)
         axes = _axes(judging.gains(*compared, responses), problem, member)
         parts = contributions(problem, member.places)
         noise = noise_rms(problem)
@@ -246,7 +246,7 @@ def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping
                 carried[i] / total if total > 0.0 else 1.0,
             )
         )
-        before = with_it
+        before, without = with_it, extended
     explainable = ceiling({c for finding in made for c in finding.axes})
     return [replace(finding, explainable=_mean(explainable, finding.axes)) for finding in made]
 
@@ -289,7 +289,7 @@ def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, 
             says_too = score.hypothesis.says(found)
             alternatives.append(Physics(score.effect, p, says_too, found.estimates, score.signature.variant.terms))
     if probabilities.get(UNNAMED, 0.0) >= LISTED:
-        alternatives.append(Physics(UNNAMED, probabilities[UNNAMED], _UNKNOWN_SAYS))
+        alternatives.append(Physics(UNNAMED, probabilities[UNNAMED], UNKNOWN_SAYS))
     alternatives = sorted(alternatives, key=lambda p: -p.probability)[: _ALTERNATIVES - 1]
     ties = [
         e
@@ -331,7 +331,7 @@ def _with_unknown(physics: Sequence[Physics], left: float, axes: Sequence[str]) 
     known = [replace(one, probability=(1.0 - lost) * one.probability) for one in physics if one.effect != UNNAMED]
     known[0] = replace(known[0], says=f"{known[0].says} {says}")
     total = sum(one.probability for one in physics)
-    other = Physics(UNNAMED, total - sum(one.probability for one in known), _UNKNOWN_SAYS)
+    other = Physics(UNNAMED, total - sum(one.probability for one in known), UNKNOWN_SAYS)
     return known[0], *sorted([other, *known[1:]], key=lambda one: -one.probability)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from structsel.comparison.tolerances import Nuisance
 from structsel.diagnosis import judging
+from structsel.diagnosis.assembling import UNKNOWN_SAYS
 from structsel.diagnosis.exceeded import EVEN, ExceededTolerance, exceeded_as_recorded
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking
@@ -59,12 +60,9 @@ def find_material(ranking: Ranking, findings: Sequence[EffectFinding]) -> list[E
         return list(findings)
     freed += _freed(problem, [n for n in problem.nuisances if n.effect and n.name not in beyond])
     alike = [one for one in freed if one.fractions[best.response] >= _ALIKE * best.largest]
-    made = _finding(problem, best, sorted(alike, key=lambda one: -one.fractions[best.response]))
-    kinds = {s.effect: s.hypothesis.kind for s in ranking.scores}
-    made = replace(made, kind=kinds.get(made.effect, made.kind))
-    bare = problem.as_given.subset([])
-    rest, with_it = problem.as_given, best.problem
-    by_effects, by_parameter = (sum(_explained(*pair).values()) for pair in ((bare, rest), (rest, with_it)))
+    made = _finding(ranking, best, sorted(alike, key=lambda one: -one.fractions[best.response]))
+    bare = judging.held_out(problem.as_given.subset([]))
+    by_effects, by_parameter = sum(_explained(bare, problem.as_given).values()), sum(best.fractions.values())
     likelier = made.physics[0].probability > findings[0].physics[0].probability
     ahead = sum(not likelier or by_effects * finding.fraction >= by_parameter for finding in findings)
     return [*findings[:ahead], made, *findings[ahead:]]
@@ -72,33 +70,37 @@ def find_material(ranking: Ranking, findings: Sequence[EffectFinding]) -> list[E
 
 def _freed(problem: DiagnosisProblem, tolerances: Sequence[Nuisance]) -> list[_Freed]:
     """Those of some parameters that deviate by more than their tolerance if they are free and all others as stated."""
-    made = []
+    made, given = [], judging.held_out(problem.as_given)
     for tolerance in tolerances:
         freed = problem.with_exceeded(tolerance, _WIDER)
         deviation, std = (float(x[-1]) for x in freed.deviations)
         if abs(deviation) - std > EVEN:
             exceeded = ExceededTolerance(tolerance, deviation, std)
-            made.append(_Freed(exceeded, freed, _explained(problem.as_given, freed)))
+            made.append(_Freed(exceeded, freed, _explained(given, freed)))
     return made
 
 
-def _explained(without: DiagnosisProblem, extended: DiagnosisProblem) -> dict[str, float]:
+def _explained(before: judging.Residuals, extended: DiagnosisProblem) -> dict[str, float]:
     """Fraction of the mean square of each judged response that is explained on other recordings."""
-    gained = judging.gains(judging.held_out(without), judging.held_out(extended), extended.judged_responses)
+    gained = judging.gains(before, judging.held_out(extended), extended.judged_responses)
     return {c: 1.0 - (1.0 - g) ** 2 for c, g in gained.items()}
 
 
-def _finding(problem: DiagnosisProblem, best: _Freed, alike: Sequence[_Freed]) -> EffectFinding:
-    fractions: dict[str, float] = {}
-    for one in alike:
-        fractions.setdefault(one.tolerance.effect, one.fractions[best.response])
-    share = best.largest * _CERTAIN / sum(fractions.values())
-    says = {one.tolerance.effect: one.tolerance for one in reversed(alike)}
+def _finding(ranking: Ranking, best: _Freed, alike: Sequence[_Freed]) -> EffectFinding:
+    problem = ranking.problem
+    named = {one.tolerance.effect: one for one in reversed(alike)}  # of each effect the parameter that explains most
+    share = best.largest * _CERTAIN / sum(one.fractions[best.response] for one in named.values())
     physics = [
-        Physics(e, share * f, says[e].says, {says[e].tolerance.name: says[e].estimate}) for e, f in fractions.items()
+        Physics(
+            effect,
+            share * one.fractions[best.response],
+            one.tolerance.says,
+            {one.tolerance.tolerance.name: one.tolerance.estimate},
+        )
+        for effect, one in reversed(named.items())
     ]
     if (rest := _CERTAIN - sum(p.probability for p in physics)) >= LISTED:
-        physics.append(Physics(UNNAMED, rest, "A cause that is not in the library."))
+        physics.append(Physics(UNNAMED, rest, UNKNOWN_SAYS))
     physics.sort(key=lambda p: -p.probability)
     axes = tuple(
         sorted((c for c, f in best.fractions.items() if f >= 0.5 * best.largest), key=lambda c: -best.fractions[c])
@@ -109,4 +111,6 @@ def _finding(problem: DiagnosisProblem, best: _Freed, alike: Sequence[_Freed]) -
     ties = tuple(p.effect for p in physics[1:] if p.effect != UNNAMED)
     nan = float("nan")
     explained = judging.explained(delivered, after, axes)
-    return EffectFinding(axes, "parameter", tuple(physics), {}, {}, ties, "", bars, nan, explained, 0.0)
+    kinds = {s.effect: s.hypothesis.kind for s in ranking.scores}
+    kind = kinds.get(physics[0].effect, "parameter")
+    return EffectFinding(axes, kind, tuple(physics), {}, {}, ties, "", bars, nan, explained, 0.0)

@@ -182,14 +182,15 @@ class DiagnosisProblem:
 
     @cached_property
     def as_given(self) -> DiagnosisProblem:
-        """Problem with exact tolerances, except those of the timing of samples if they improve the prediction.
+        """Problem with exact tolerances, except those that improve the prediction: timing of samples, constant errors.
 
-        A delay that is estimated from few flights may increase the error of the next one.
+        A delay or a constant that is estimated from few flights may increase the error of the next one.
         """
-        sampling, constants = (
-            [j for j, n in enumerate(self.nuisances) if getattr(n, kind)] for kind in ("delivered", "constant")
-        )
-        tried = [self._held_but(free) for free in ([*sampling, *constants], sampling, constants, [])]
+        sampling = tuple(j for j, n in enumerate(self.nuisances) if n.delivered)
+        constants = tuple(j for j, n in enumerate(self.nuisances) if n.constant)
+        # Where recordings share no constants, two of the four are the others again.
+        each = dict.fromkeys([(*sampling, *constants), sampling, constants, ()])
+        tried = [self._held_but(free) for free in each]
         return min(tried, key=lambda one: sum(float(left @ left) for _, left in one.held_out_residuals))
 
     def with_exceeded(self, tolerance: Nuisance, wider: float) -> DiagnosisProblem:

@@ -17,7 +17,7 @@ _BLOCK = 0.2  # s, over which differences are averaged
 _EDGE = 1.5  # s, at both ends of a manoeuvre, in which no change is sought
 _MEMORY = 1.0  # s between samples that count as independent
 _OWN = 0.05  # of a change's variance, that channels must leave unexplained
-_LEAST_DISTANCE = 3.0  # s between two changes of one manoeuvre
+LEAST_DISTANCE = 3.0  # s between two changes of one manoeuvre
 _SINGLE = 3  # most changes of one manoeuvre alone that are tried
 _ALONE = 10  # maximum number of manoeuvres whose single changes are tried
 _ROUNDS = 2  # in which the proportions of a change are those of the first, and then of all that are alike
@@ -235,7 +235,7 @@ class Sought:
         gain = self.gains(size**2 * norm[:, None])
         found: list[SoughtChange] = []
         for i in np.argsort(-gain):
-            if all(abs(starts[i] - one.start) > _LEAST_DISTANCE for one in found):
+            if all(abs(starts[i] - one.start) > LEAST_DISTANCE for one in found):
                 found.append(SoughtChange(self.name, float(starts[i]), duration, float(gain[i]), size[i] / self.level))
             if len(found) == each:
                 break

@@ -13,13 +13,12 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.comparison.sequences import sequences
 from structsel.effects.base import Flights
-from structsel.effects.changes import Sought, SoughtChange
+from structsel.effects.changes import LEAST_DISTANCE, Sought, SoughtChange
 from structsel.effects.signals import CHANNELS_OF, held, moves
 from structsel.numerics.arrays import Array
 
 _BLOCK = 0.5  # s, over which differences are averaged
 _MOST_BLOCKS = 1000  # of all recordings of a flight; longer flights have longer blocks
-_APART = 3.0  # s between the times of two changes
 
 
 def lasting_changes(
@@ -68,7 +67,7 @@ def _placed(change: SoughtChange, chain: Sequence[Flight]) -> SoughtChange:
 
 def _there_and_back(sought: Sought, starts: Array, duration: float) -> list[SoughtChange]:
     """Clearest change that is undone."""
-    first, last = np.nonzero(max(_APART, duration) < np.subtract.outer(starts, starts).T)
+    first, last = np.nonzero(max(LEAST_DISTANCE, duration) < np.subtract.outer(starts, starts).T)
     if not len(first):
         return []
     size, norm = sought.fitted_pairs(starts, duration, first, last)

@@ -11,7 +11,6 @@ import numpy as np
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, ModelCase, ModelForm, Variant
-from structsel.effects.changes import SoughtChange
 from structsel.effects.lasting_changes import lasting_changes
 from structsel.effects.operators import onsets, onsets_in_words, shape_of, since, spaced
 from structsel.effects.propeller import propeller_variants, slipstream_variants
@@ -35,7 +34,7 @@ def _changing_thrust_needs(responses: tuple[str, ...]) -> Callable[[Flights], st
     """As `_thrust_needs`, and thrust that changes: with a constant one, every term of it is a derivative."""
 
     def needs(flights: Flights) -> str:
-        if gone := lacking(flights, responses, ("thrust",)):
+        if gone := _thrust_needs(responses)(flights):
             return gone
         low, high = reach(flights, "CT")
         if high - low < _CHANGE * max(abs(low), abs(high)):
@@ -192,11 +191,8 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
     def parts(f: Flight, on: Array | float) -> list[tuple[str, int, Array]]:
         return [("Cn", 0, -on * f["CT"] / aircraft.b), ("Cl", 1, on * f["CT"])]
 
-    def from_then_on(f: Flight, times: Mapping[str, float]) -> Parts:
-        return parts(f, since(f, times))
-
-    def from_change_on(f: Flight, change: SoughtChange) -> Parts:
-        return parts(f, change.along(f))
+    def from_then_on(f: Flight, on: Callable[[Flight], Array | float]) -> Parts:
+        return parts(f, on(f))
 
     made = [of_parts((arm, roll), lambda f: parts(f, 1.0), "all the time", ("CT",))]
     if {"thrust_left", "thrust_right"} <= flights[0].recorded:
@@ -206,13 +202,14 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
             return [("Cn", 0, difference / aircraft.b), ("Cl", 1, difference)]
 
         made.append(of_parts((arm, roll), halves, "as recorded left and right"))
-    for times in onsets(flights, ("Cn", "Cl"), _ONSETS):
-        shape, columns = shape_of(times), partial(from_then_on, times=times)
-        made.append(of_parts((arm, roll), columns, onsets_in_words(times), (), shape, dict.fromkeys(shape, "s")))
-    for change in lasting_changes(flights, ("Cn", "Cl"), undone=False):
-        shape, changed = shape_of(change.times), partial(from_change_on, change=change)
-        about = f"from {change.when} on"
-        made.append(of_parts((arm, roll), changed, about, (), shape, dict.fromkeys(shape, "s")))
+    begins: list[tuple[Callable[[Flight], Array | float], Mapping[str, float], str]] = [
+        (partial(since, times=times), times, onsets_in_words(times)) for times in onsets(flights, ("Cn", "Cl"), _ONSETS)
+    ]
+    begins += [(c.along, c.times, f"from {c.when} on") for c in lasting_changes(flights, ("Cn", "Cl"), undone=False)]
+    for on, times, about in begins:
+        shape = shape_of(times)
+        columns = partial(from_then_on, on=on)
+        made.append(of_parts((arm, roll), columns, about, (), shape, dict.fromkeys(shape, "s")))
     return made
 
 
