@@ -8,7 +8,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.comparison.preparing import prepare
-from structsel.comparison.sequences import sequences
 from structsel.comparison.tolerances import biases_of, tolerances_of
 from structsel.diagnosis.signatures import work_out
 from structsel.effects.lasting_changes import lasting_changes
@@ -25,27 +24,9 @@ def parts_of(flight):
     return [replace(p, sequence=parts[0].name) for p in parts]
 
 
-def names(chains):
-    return [[f.name for f in chain] for chain in chains]
-
-
 @pytest.fixture(scope="module")
 def flown():
     return flights_with({}, speeds=(42.0, 50.0), h=(1000.0, 1100.0))
-
-
-@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1)])
-def test_recordings_that_do_not_overlap_are_one_flight_in_any_order(flown, order):
-    parts = parts_of(flown[0])
-    assert names(sequences([parts[k] for k in order])) == [["m010", "m011", "m012"]]
-    assert sequences(parts[:1]) == []
-
-
-def test_parts_of_flights_with_the_same_clock_are_told_apart_by_their_states(flown):
-    parts = [p for f in flown for p in parts_of(f)]
-    assert names(sequences(parts)) == [["m010", "m011", "m012"], ["m020", "m021", "m022"]]
-    assert sorted(names(sequences(parts[::-1]))) == names(sequences(parts))
-    assert sequences(flown) == []
 
 
 def test_a_change_is_found_across_the_recordings_with_the_time_at_which_it_is_undone(flown):

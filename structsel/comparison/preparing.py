@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from structsel.aircraft import Aircraft
 from structsel.comparison.checking import check_alike, check_recorded
 from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
 from structsel.comparison.free_simulation import along_recordings
-from structsel.comparison.sequences import sequences
+from structsel.comparison.sequences import JoinedRecordings, join_continued, sequences
 from structsel.comparison.simulations import OpenedSimulation, open_simulation
 from structsel.comparison.surrogate import find_surrogate
 from structsel.errors import DataError
@@ -28,17 +28,44 @@ _ALONG_WIND = {"CX": "CD", "CZ": "CL"}
 
 @dataclass(frozen=True, eq=False)
 class PreparedComparison:
-    """Flights that carry both sides, and what was noticed on the way."""
+    """Flights that carry both sides, and what was noticed on the way.
+
+    Attributes
+    ----------
+    flights : tuple of Flight
+    simulation : OpenedSimulation
+    remarks : tuple of str
+    single : bool
+        Whether one recording was given.
+    """
 
     flights: tuple[Flight, ...]
     simulation: OpenedSimulation
     remarks: tuple[str, ...]
+    single: bool
 
 
 def prepare(
-    source: object, recordings: Sequence[Recording], aircraft: Aircraft | None, progress: Progress | None = None
+    source: object,
+    recordings: Sequence[Recording],
+    aircraft: Aircraft | None,
+    progress: Progress | None = None,
+    *,
+    joined: bool = False,
+    apart: Collection[str] = (),
 ) -> PreparedComparison:
     """Bring recordings and a simulation together.
+
+    Parameters
+    ----------
+    source : any of the five forms of a simulation
+    recordings : sequence of Recording
+    aircraft : Aircraft or None
+    progress : callable, optional
+    joined : bool
+        Whether recordings that continue each other are joined. Free simulations begin anew in each of them.
+    apart : collection of str
+        Names of recordings that stay as they are.
 
     Raises
     ------
@@ -56,13 +83,16 @@ def prepare(
     warn_of_entry_errors(recordings, stacklevel=4)
     aircraft = aircraft or _no_aircraft(recordings)
     simulation = open_simulation(source, recordings, aircraft)
-    remarks: list[str] = []
+    parts = JoinedRecordings(list(recordings), simulation.along)
+    if joined and simulation.form != "free":
+        parts = join_continued(recordings, simulation.along, apart)
+    recordings, remarks = parts.recordings, list(parts.remarks)
     tell = progress or (lambda what, done, of: None)
     wanted = _wanted(recordings[0], aircraft)
     flights: list[Flight] = []
     for r in recordings:
         nothing = {c: np.zeros(len(r)) for c in wanted}
-        flights.append(prepare_flight(r, aircraft, simulation.along.get(r.name, nothing)))
+        flights.append(prepare_flight(r, aircraft, parts.simulated.get(r.name, nothing)))
         tell("smoothing", len(flights), len(recordings))
     if simulation.form == "forced" and aircraft.simulation.states != "raw":
         flights = [replace(f, apart=True) for f in flights]
@@ -76,7 +106,7 @@ def prepare(
     flights = [replace(f, simulated={c: f.simulated[c] for c in shared}) for f in flights]
     form, fit = _stated_error(flights[0], aircraft.tolerances.form), _fit_error(flights, simulation.model)
     flights = [replace(f, form_error=form, fit_error=fit) for f in flights]
-    first_of = {f.name: chain[0].name for chain in sequences(flights) for f in chain}
+    first_of = {f.name: chain[0].name for chain in sequences(recordings) for f in chain}
     flights = [replace(f, sequence=first_of.get(f.name, "")) for f in flights]
     check_alike(flights, simulation.name)
     if set(AIRFRAME) <= set(flights[0].channels) and set(shared) & set(COEFFICIENTS):
@@ -84,7 +114,7 @@ def prepare(
         flights = [replace(f, surrogate=stand_in) for f in flights]
     common = set.intersection(*(set(f.measured) for f in flights)) - _unmeasured(flights)
     flights = [replace(f, measured={c: f.measured[c] for c in f.measured if c in common}) for f in flights]
-    return PreparedComparison(tuple(flights), simulation, tuple(remarks))
+    return PreparedComparison(tuple(flights), simulation, tuple(remarks), len(names) == 1)
 
 
 def _stated_error(flight: Flight, stated: float) -> dict[str, float]:

@@ -99,7 +99,7 @@ def diagnose(
     require_simulation(simulation, call)
     if aircraft is not None:
         require_kind(aircraft, Aircraft, call)
-    prepared = prepare(simulation, recordings, aircraft, progress)
+    prepared = prepare(simulation, recordings, aircraft, progress, joined=True, apart=held_out)
     found = conclude(prepared, set_up(prepared.flights, effects, held_out, progress), held_out, progress)
     return replace(found, seconds=time.perf_counter() - begun)
 
@@ -134,8 +134,7 @@ def conclude(
     problem, library, turbulence = ready
     remarks = list(prepared.remarks)
     flights, responses = problem.flights, problem.judged_responses
-    single = len(prepared.flights) == 1
-    if single:
+    if len(prepared.flights) == 1:
         remarks.append(
             f"there is one manoeuvre only: it was divided into {len(flights)} parts, and each was predicted from the "
             "others. A second manoeuvre would show whether the findings hold in other conditions"
@@ -166,7 +165,7 @@ def conclude(
         if not findings:
             findings += detected(ranking, responses)
     verdict: Verdict = "mismatch" if findings else "consistent"
-    if single and findings:
+    if prepared.single and findings:
         verdict = "undecidable"
     if ranking.steps:
         turbulence = find_turbulence(flights, left)
@@ -233,7 +232,8 @@ def split_flight(flight: Flight) -> list[Flight]:
             f"predict one part from another.\nGive several manoeuvres, or one of at least {2 * _SHORTEST:g} s."
         )
     edges = np.linspace(0, n, parts + 1).astype(int)
-    return [flight.between(a, b, f"{flight.name}, part {k}") for k, (a, b) in enumerate(pairwise(edges), 1)]
+    names = [f"{flight.name}, part {k + 1}" for k in range(parts)]
+    return [replace(flight.between(a, b, x), sequence=names[0]) for (a, b), x in zip(pairwise(edges), names)]
 
 
 def _groups(names: Sequence[str], held_out: Sequence[str]) -> list[tuple[int, ...]] | None:

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.sequences import sequences
 from structsel.effects.base import Flights
 from structsel.effects.changes import LEAST_DISTANCE, Sought, SoughtChange
 from structsel.effects.signals import CHANNELS_OF, held, moves
@@ -41,7 +40,10 @@ def lasting_changes(
         return []
     channels = [c for c in dict.fromkeys(c for r in wanted for c in CHANNELS_OF[r]) if moves(flights, c)]
     made = []
-    for chain in sequences([f for f in flights if all(r in f.measured for r in wanted)]):
+    for sequence in dict.fromkeys(f.sequence for f in flights if f.sequence):
+        chain = sorted((f for f in flights if f.sequence == sequence), key=lambda f: float(f.t[0]))
+        if any(r not in f.measured for r in wanted for f in chain):
+            continue
         dt = chain[0].dt
         step = max(1, round(_BLOCK / dt), -(-sum(map(len, chain)) // _MOST_BLOCKS))
         sought = Sought.of(chain, wanted, channels, step)
