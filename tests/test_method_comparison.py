@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 
 import structsel as ss
 from structsel.aircraft import Aircraft
@@ -191,3 +192,65 @@ def test_harv_upwash_has_the_sign_and_size_of_sidpac_s_or_is_not_trusted(file, c
     assert not found.trusted or abs(upwash.value - 0.0762) < 2.0 * np.hypot(upwash.std, 0.0176)
     # The estimated noise exceeds the signals themselves; the verdict must state it.
     assert any("more noise was estimated" in reason and "az " in reason for reason in found.distrust)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DATA.is_dir(), reason="the recordings (../shared/data) are not here")
+@pytest.mark.parametrize(
+    ("file", "channels", "sidpac"),
+    [
+        # Values of SIDPAC with this package's signs, and standard deviations for coloured residuals; those of 153b are
+        # of the same model, fitted independently.
+        (
+            "compat_lon_example",
+            "map_lon",
+            {"Cup": (0.0762, 0.0176), "bq": (-0.00178, 1e-4), "bax": (0.0508, 0.0125), "baz": (0.0408, 0.0088),
+             "Ktheta": (0.0387, 0.0072)},
+        ),
+        (
+            "dcmp_lon_example",
+            "map_153b",
+            {"Cup": (0.066, 0.079), "bq": (-0.0002, 1e-4), "baz": (0.269, 0.057), "Ktheta": (0.0524, 0.0085)},
+        ),
+        ("compat_lat_example", "map_lat", {"bp": (2.9e-4, 1e-4), "br": (1.02e-3, 1e-4), "bay": (-0.001, 0.018),
+                                           "Csi": (0.0949, 0.048), "Kphi": (0.0706, 0.0046)}),
+    ],
+)  # fmt: skip
+def test_harv_with_scale_errors_has_the_constants_of_sidpac(file, channels, sidpac):
+    folder = DATA / "f18-harv"
+    recording = ss.read_recording(folder / f"{file}.mat", folder / f"{channels}.toml")
+    found = reconstruct(recording, Aircraft.from_toml(folder / "aircraft.toml"), scales="auto")
+    off = {n: (found[n].value - v) / np.hypot(found[n].std, std) for n, (v, std) in sidpac.items()}
+    assert max(map(abs, off.values())) < 4.1, off
+    assert np.sqrt(np.mean(np.square(list(off.values())))) < 2.0, off
+    assert abs(off.get("Cup", 0.0)) < 1.0
+    assert not any("Cup = " in reason for reason in found.distrust)
+
+
+@pytest.mark.parametrize("seed", [3, pytest.param(1, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.slow)])
+def test_a_delayed_vane_changes_neither_the_angle_of_attack_nor_the_upwash(seed):
+    # Without ground velocity only the vane and the altitude contradict the accelerometers. Noise of the accelerometers
+    # that the readings do not have would make the path follow the vane: 1.6 to 2.4e-3 rad, and an upwash of +0.2.
+    flight = demo_instruments(seed % 6, seed, duration=15.0)
+    measured, truth = flight.measured, flight.truth["alpha"]
+    channels = {n: measured[n] for n in measured.names if n not in ("x", "y", "vn", "ve", "vd")}
+    channels["alpha"] = np.interp(measured.t - 0.06, measured.t, channels["alpha"])
+    found = reconstruct(ss.Recording(measured.name, measured.t, channels), silent(flight.aircraft))
+    assert np.sqrt(np.mean((found.recording["alpha"] - truth) ** 2)) < 0.7e-3
+    assert abs(found["Cup"].value - flight.errors["Cup"]) < 2.0 * found["Cup"].std
+    (delay,) = (d for d in found.delays if d.channel == "alpha")
+    assert delay.delay == pytest.approx(0.06, abs=0.02)
+
+
+@pytest.mark.parametrize("seed", [5, pytest.param(3, marks=pytest.mark.slow)])
+def test_an_altitude_that_is_wrong_for_seconds_is_not_followed(seed):
+    # 3 m with a correlation time of 1.5 s. With the weights of white noise the angle of attack is wrong by 5e-3 rad.
+    flight = demo_instruments(seed % 6, seed, duration=15.0)
+    measured, rng = flight.measured, np.random.default_rng(seed)
+    channels = {n: measured[n] for n in measured.names if n not in ("x", "y", "vn", "ve", "vd")}
+    a = np.exp(-measured.dt / 1.5)
+    slow = scipy.signal.lfilter([3.0 * np.sqrt(1.0 - a * a)], [1.0, -a], rng.standard_normal(len(measured)))
+    channels["h"] = channels["h"] + slow
+    found = reconstruct(ss.Recording(measured.name, measured.t, channels), silent(flight.aircraft))
+    assert np.sqrt(np.mean((found.recording["alpha"] - flight.truth["alpha"]) ** 2)) < 2.5e-3
+    assert abs(found["Cup"].value - flight.errors["Cup"]) < 2.0 * found["Cup"].std

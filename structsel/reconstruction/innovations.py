@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,16 @@ class Consistency:
             if held.channel == channel:
                 return held
         raise KeyError(channel)
+
+    def with_residuals(self, residuals: np.ndarray, rejected: np.ndarray) -> Consistency:
+        """The same innovations with the rms of other residuals (n, 12), rejected ones not counted."""
+        channels = []
+        for channel in self.channels:
+            j = fp.MEASUREMENTS.index(channel.channel)
+            used = residuals[np.isfinite(residuals[:, j]) & ~rejected[:, j], j]
+            rms = float(np.sqrt(np.mean(used**2))) if used.size else np.nan
+            channels.append(replace(channel, residual_rms=rms))
+        return replace(self, channels=tuple(channels))
 
     @property
     def inside(self) -> bool:

@@ -88,10 +88,7 @@ def _by_filter(problem: KinematicsProblem, method: str, mine: Mapping[str, Const
     if run.failed >= 0:
         return []
     found, std = part.path(run.x[-1:])[0], dict(zip((fp.STATES[i] for i in part.active), run.std[-1]))
-    return [
-        _Estimate(method, name, float(found[fp.STATES.index(name)]), float(std[name]) * c.std / c.std_white)
-        for name, c in mine.items()
-    ]
+    return [_Estimate(method, name, float(found[fp.STATES.index(name)]), float(std[name])) for name in mine]
 
 
 def _by_output_error(

@@ -264,6 +264,33 @@ def _within_limits(
     return limited if loss < _MIN_GAIN else factors
 
 
+def limit_accelerometer_noise(problem_setup: ReconstructionProblem, lowest: np.ndarray) -> ReconstructionProblem:
+    """Problem with no more noise of the accelerometers than their high frequencies allow; the same if there is no more.
+
+    Vanes, pitot tube and static port have errors of position and lag that last for seconds. More noise of the
+    accelerometers makes these more likely, but it is not in their readings: the path would follow the air data, and
+    their errors would change the constants. With the limit, these errors are noise of the measurements.
+
+    Parameters
+    ----------
+    problem_setup : ReconstructionProblem
+        With the estimated noise.
+    lowest : (12,) array
+        Noise of the measurements in their own spectra, the lower limit of their noise.
+    """
+    complete, factors, level = problem_setup.problem, np.ones(6), dict(problem_setup.noise)
+    for j, name in enumerate(INERTIAL[:3]):
+        if name in level and name not in problem_setup.given:
+            factors[j] = min(1.0, largest_inertial_noise(complete, j) / level[name])
+            level[name] *= float(factors[j])
+    if np.all(factors == 1.0):
+        return problem_setup
+    complete, free = replace(complete, input_std=complete.input_std * factors), _free(problem_setup)
+    part = _estimate_measurement_noise(_without_outliers(most_active_interval(complete)), free, lowest)
+    level |= {n: float(std) for n, std, one in zip(fp.MEASUREMENTS, part.measurement_std, free) if one}
+    return replace(problem_setup, problem=replace(complete, measurement_std=part.measurement_std), noise=level)
+
+
 def _scaled(problem: KinematicsProblem, group: list[int], factor: float | np.ndarray) -> KinematicsProblem:
     std = problem.input_std.copy()
     std[:, group] *= factor

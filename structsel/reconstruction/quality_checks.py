@@ -133,7 +133,8 @@ def noise_above_limit(problem_setup: ReconstructionProblem) -> tuple[str, ...]:
     if not found:
         return ()
     return (
-        f"{ESTIMATED_ONLY}: more noise was estimated than high frequencies of the channel allow: {', '.join(found)}",
+        f"{ESTIMATED_ONLY}: more noise was estimated than high frequencies of the channel allow: {', '.join(found)}; "
+        "the estimates use no more for accelerometers",
     )
 
 

@@ -15,8 +15,7 @@ from structsel.numerics import kinematics as fp
 from structsel.options import takes_options
 from structsel.reconstruction.data_compatibility import check_data_compatibility
 from structsel.reconstruction.delays import LONGEST_DELAY, Delay, find_delays
-from structsel.reconstruction.innovations import Consistency, check_innovations, widened_noise
-from structsel.reconstruction.kinematics_problem import KinematicsProblem
+from structsel.reconstruction.filter_fit import PathFit, fit_by_filter
 from structsel.reconstruction.method_comparison import compare_methods
 from structsel.reconstruction.noise_levels import drop_confounded_scales, estimate_noise_levels
 from structsel.reconstruction.observability import Reconstructibility, reconstructibility
@@ -27,7 +26,7 @@ from structsel.reconstruction.result import CONSTANTS, Constant, NoiseLevel, Rec
 from structsel.reconstruction.scale_factors import add_scale_errors
 from structsel.reconstruction.settings import INERTIAL, ReconstructOptions
 from structsel.reconstruction.sign_and_unit_checks import reject_wrong_sign_or_unit
-from structsel.reconstruction.ukf import FilterResult, SmootherResult, smoothed_deviations, ukf_smoother
+from structsel.reconstruction.ukf import FilterResult, SmootherResult
 from structsel.recording import Recording
 from structsel.recording.arguments import as_one_recording, require_kind
 
@@ -136,35 +135,30 @@ def _reconstruct(
     turbulent: frozenset[str] = frozenset()
     if options.method == "output-error":
         problem_setup = add_scale_errors(problem_setup, problem_setup, options)
-        problem_setup, run, smooth, widened = _by_output_error(problem_setup, recording)
+        problem_setup, fit, std = _by_output_error(problem_setup, recording)
+        best, consistency = fit, fit.consistency(problem_setup, recording.dt)
     else:
         problem_setup, headless = _with_initial_heading(problem_setup)
+        lowest = problem_setup.problem.measurement_std
         with_noise = estimate_noise_levels(problem_setup, options.gusts, progress)
         problem_setup, confused, turbulent = drop_confounded_scales(
             add_scale_errors(problem_setup, with_noise, options)
         )
         fixed |= headless | confused
-        run, smooth = _by_filter(problem_setup, recording, options)
-        widened = None
-    path = _complete_path(problem_setup.problem, smooth.x)
-    predicted = problem_setup.problem.predict(path)
-    residuals = problem_setup.problem.residuals(predicted)
-    consistency = check_innovations(run, residuals, problem_setup.measured, recording.dt, problem_setup.given)
-    if widened is None:
-        widened = _inflate_for_autocorrelation(problem_setup, consistency, options)
-    std = np.maximum(smooth.std, widened) if widened is not None else smooth.std
-    delays = _delays(problem_setup, path, predicted, residuals, turbulent)
+        fit, best, std, consistency = fit_by_filter(problem_setup, lowest, recording, options)
+    run, smooth, std_white = fit.run, best.smooth, fit.smooth.std
+    delays = _delays(problem_setup, best, turbulent)
     constants = tuple(
-        Constant(name, float(smooth.x[-1, j]), float(std[-1, j]), float(smooth.std[-1, j]), CONSTANTS[name][1])
+        Constant(name, float(smooth.x[-1, j]), float(std[-1, j]), float(std_white[-1, j]), CONSTANTS[name][1])
         for j, name in enumerate(problem_setup.names)
         if name in CONSTANTS
     )
-    made, stds = output_recording(recording, problem_setup, path, smooth, std, options.method, constants)
+    made, stds = output_recording(recording, problem_setup, best.path, smooth, std, options.method, constants)
     warnings, distrust = check_quality(
-        problem_setup, path, consistency, constants, verdict, delays, stds, smooth.std, std
+        problem_setup, best.path, consistency, constants, verdict, delays, stds, std_white, std
     )
     above = noise_above_limit(problem_setup)
-    unknown, contradictions = compare_methods(problem_setup.problem, options.method, run, constants, turbulent)
+    unknown, contradictions = compare_methods(best.problem, options.method, best.run, constants, turbulent)
     return Reconstruction(
         name=recording.name,
         method=options.method,
@@ -173,14 +167,14 @@ def _reconstruct(
         constants=constants,
         std=stds,
         estimates=smooth.x,
-        filtered=run.x,
-        filtered_std=run.std,
+        filtered=best.run.x,
+        filtered_std=best.run.std,
         covariance=smooth.covariance,
         covariance_at=smooth.at,
         innovations=_by_channel(run.innovations, problem_setup.measured),
         innovation_std=_by_channel(run.innovation_std, problem_setup.measured),
-        residuals=_by_channel(residuals, problem_setup.measured),
-        readings=_by_channel(predicted, problem_setup.measured),
+        residuals=_by_channel(best.residuals, problem_setup.measured),
+        readings=_by_channel(best.predicted, problem_setup.measured),
         noise=tuple(
             NoiseLevel(name, level, unit_of(name), "given" if name in problem_setup.given else "estimated")
             for name, level in problem_setup.noise.items()
@@ -235,23 +229,9 @@ def _with_initial_heading(problem_setup: ReconstructionProblem) -> tuple[Reconst
     return replace(problem_setup, problem=replace(problem, start=start, start_std=std)), {}
 
 
-def _by_filter(
-    problem_setup: ReconstructionProblem, recording: Recording, options: ReconstructOptions
-) -> tuple[FilterResult, SmootherResult]:
-    run, smooth = ukf_smoother(problem_setup.problem, spread=options.filter_spread, gate=options.gate)
-    if smooth is None:
-        i = run.failed
-        raise ReconstructionError(
-            f"reconstruct failed on '{recording.name}' at sample {i} (t = {recording.t[i]:g} s): {run.reason}.\n"
-            "Check the channels near that time, and their units and signs (structsel describe).",
-            run,
-        )
-    return run, smooth
-
-
 def _by_output_error(
     problem_setup: ReconstructionProblem, recording: Recording
-) -> tuple[ReconstructionProblem, FilterResult, SmootherResult, np.ndarray]:
+) -> tuple[ReconstructionProblem, PathFit, np.ndarray]:
     """Batch estimate in the form of a filter run, its residuals as innovations; and the std for coloured residuals."""
     problem = problem_setup.problem
     fit = check_data_compatibility(problem)
@@ -276,40 +256,16 @@ def _by_output_error(
     level = {name: std for name, std in level.items() if name in problem_setup.measured}
     found = replace(problem_setup, noise=level, given=frozenset())
     # The covariance is that of the motion at the first sample and of the constants; it is used for all samples.
-    return found, run, SmootherResult(x, white, fit.covariance[None], np.array([0])), wide
+    smooth = SmootherResult(x, white, fit.covariance[None], np.array([0]))
+    return found, PathFit.of(problem, run, smooth), wide
 
 
-def _inflate_for_autocorrelation(
-    problem_setup: ReconstructionProblem, consistency: Consistency, options: ReconstructOptions
-) -> np.ndarray | None:
-    """Standard deviations with the noise of each channel enlarged for its autocorrelation; None if all are white."""
-    std = widened_noise(problem_setup.problem.measurement_std, consistency)
-    if std is None:
-        return None
-    problem = replace(problem_setup.problem, measurement_std=std)
-    return smoothed_deviations(problem, spread=options.filter_spread, gate=options.gate)
-
-
-def _complete_path(problem: KinematicsProblem, x: np.ndarray) -> np.ndarray:
-    """(n, 34) full vectors; a heading that is not estimated is integrated from north."""
-    path = problem.path(x)
-    if 5 not in problem.active:
-        path[:, 5] = problem.integrated_heading(path)
-    return path
-
-
-def _delays(
-    problem_setup: ReconstructionProblem,
-    path: np.ndarray,
-    predicted: np.ndarray,
-    residuals: np.ndarray,
-    turbulent: frozenset[str],
-) -> tuple[Delay, ...]:
+def _delays(problem_setup: ReconstructionProblem, fit: PathFit, turbulent: frozenset[str]) -> tuple[Delay, ...]:
     """Delays of the channels against the path without gusts, which would conceal them."""
-    problem = problem_setup.problem
+    problem, predicted, residuals = problem_setup.problem, fit.predicted, fit.residuals
     channels = tuple(name for name in problem_setup.measured if name not in turbulent)
     if np.any(problem_setup.gust.std):
-        calm = path.copy()
+        calm = fit.path.copy()
         calm[:, fp.GUST :] = 0.0
         predicted = problem.predict(calm)
         residuals = problem.residuals(predicted)

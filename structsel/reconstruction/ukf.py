@@ -247,12 +247,6 @@ def ukf_smoother(
     return filtered, SmootherResult(run.continuous(output.x, turns), output.std, output.covariance, at)
 
 
-def smoothed_deviations(problem: KinematicsProblem, *, spread: float = 1.0, gate: float = 0.0) -> np.ndarray | None:
-    """Standard deviations (n, L) of `ukf_smoother`, without its estimates; None where the filter failed."""
-    smoothed = _forward_and_back(_Run(problem, spread, gate))[1]
-    return None if smoothed is None else smoothed[0].std
-
-
 def _forward_and_back(run: _Run) -> tuple[tuple[float, int, int], tuple[SmootherOutput, np.ndarray] | None]:
     """Log-likelihood, failed sample and end of the filter; output and quaternions of the smoother, if there are any."""
     n, L = len(run.problem.t), len(run.data.states)
