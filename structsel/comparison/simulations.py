@@ -19,7 +19,8 @@ from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.air_data import body_from_wind_axes
 from structsel.numerics.arrays import Array
-from structsel.recording import Recording, read_recordings
+from structsel.recording import Recording
+from structsel.recording.reading import load_recordings
 
 _STATES = ("V", "alpha")
 _CLOCK_TOLERANCE = 0.1  # of a sample, by which clocks may differ and still be one
@@ -119,7 +120,7 @@ def open_simulation(source: Any, recordings: Sequence[Recording], aircraft: Airc
     if path.suffix == ".json":
         model = AeroModel.from_json(path)
         return OpenedSimulation("model", path.name, evaluate=_of_model(model, aircraft), model=model)
-    return _of_files({r.name: r for r in read_recordings(path)}, recordings, str(path))
+    return _of_files({r.name: r for r in load_recordings(path)}, recordings, str(path))
 
 
 def _coefficients_of(simulated: Recording) -> dict[str, Array]:

@@ -102,9 +102,17 @@ def read_recordings(
     DataError
         There is no file, two recordings have one name, or a file cannot be read (`read_recording`).
     """
+    return [recording.check() for recording in load_recordings(source, channel_map)]
+
+
+def load_recordings(
+    source: str | Path | Iterable[str | Path],
+    channel_map: str | Path | Mapping[str, Any] | ChannelMap | None = None,
+) -> list[Recording]:
+    """Recordings of files as by `read_recordings`, without findings from their samples."""
     paths = list_files(source)
     mapped = None if channel_map is None else load_channel_map(channel_map)
-    read = [read_recording(path, mapped) for path in paths]
+    read = [load(path, mapped) for path in paths]
     remedy = "Rename one, or read them one by one with read_recording(path, name=...)."
     refuse_same_name(((recording.name, path) for recording, path in zip(read, paths)), remedy)
     return sorted(read, key=lambda recording: recording.name)

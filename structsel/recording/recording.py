@@ -75,6 +75,7 @@ class Recording(SignalMethods, Result):
     provenance: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
     at_cg: frozenset[str] = frozenset()
+    is_checked: bool = field(init=False, default=False, repr=False, compare=False)  # by `check`, as it is
 
     def __post_init__(self) -> None:
         t = checked_time(self.t, self.name)
@@ -303,7 +304,9 @@ class Recording(SignalMethods, Result):
         """
         found = check_recording(self.t, self.channels)
         kept = tuple(f for f in self.findings if f.kind not in RECOMPUTED_KINDS)
-        return replace(self, findings=kept + found)
+        made = replace(self, findings=kept + found)
+        object.__setattr__(made, "is_checked", True)
+        return made
 
     def to_frame(self) -> pd.DataFrame:
         """Columns ``t`` and the channels, one row for each sample."""

@@ -47,7 +47,7 @@ def find_entry_errors(recording: Recording | StoredRecording) -> list[Finding]:
     They include channels whose typical value is outside the plausible range.
     """
     known = [f for f in recording.findings if f.kind in (*RELATIONS, "implausible") and f.severity == "warning"]
-    if known or isinstance(recording, StoredRecording):
+    if known or isinstance(recording, StoredRecording) or recording.is_checked:
         return [f for f in known if f.kind in RELATIONS or 2 * f.count > len(recording)]
     outside = [
         Finding("implausible", name, f"its median is {median:.4g} {row.unit}", remedy=f"it looks like {row.hint}")
