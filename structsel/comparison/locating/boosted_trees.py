@@ -1,6 +1,6 @@
 """Boosted regression trees on binned columns. Arrays only.
 
-They are those of scikit-learn's `HistGradientBoostingRegressor`, whose import takes longer than the fits of a diagnosis.
+They are those of scikit-learn's `HistGradientBoostingRegressor`, whose import takes longer than a diagnosis fits them.
 """
 
 from __future__ import annotations
