@@ -90,7 +90,7 @@ def spectra_of(variants: Sequence[Variant], flight: Flight, responses: Sequence[
 
 def _acting(spectra: Sequence[Mapping[str, Array]], flights: Sequence[Flight]) -> frozenset[str]:
     """Flights on which an effect acts: more than the tails of what it does in another one."""
-    powers = [{c: float(np.sum(x**2)) for c, x in one.items()} for one in spectra]
+    powers = [{c: float(np.vdot(x.T, x.T)) for c, x in one.items()} for one in spectra]  # rows of it are contiguous
     largest = {c: max(power.get(c, 0.0) for power in powers) for c in {c for power in powers for c in power}}
     return frozenset(
         f.name for f, power in zip(flights, powers) if any(x > _TAIL * largest[c] for c, x in power.items())
