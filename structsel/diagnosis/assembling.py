@@ -126,8 +126,8 @@ def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str
     if not score.event:  # the scatter between flights is larger than the noise alone
         std = np.maximum(std, jackknifed(problem.base.solved[1:, part]))
     alike = [
-        (np.log(max(w, 1e-300)), s.variant.shape, t.theta)
-        for w, s, t in zip(score.weights, score.signatures, score.trials)
+        (w, s.variant.shape, t.theta)
+        for w, s, t in zip(score.log_weights, score.signatures, score.trials)
         if set(s.variant.shape) == set(variant.shape)
         and (s.variant.about, s.variant.only_in) == (variant.about, variant.only_in)
         and [p.name for p in s.variant.parameters] == [p.name for p in variant.parameters]

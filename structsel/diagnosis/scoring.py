@@ -31,8 +31,8 @@ class EffectScore:
     signatures : tuple of Signature
         Its forms.
     trials : tuple of Trial
-    weights : (v,) array
-        Posterior weights of the forms.
+    log_weights : (v,) array
+        Logarithms of the posterior weights of the forms.
     log_evidence : float
         Over the base, averaged over forms, within plausible limits.
     predictive : (m,) array
@@ -53,7 +53,7 @@ class EffectScore:
     hypothesis: Effect
     signatures: tuple[Signature, ...]
     trials: tuple[Trial, ...]
-    weights: Array
+    log_weights: Array
     log_evidence: float
     predictive: Array
     within: float
@@ -103,7 +103,7 @@ def score(
     within = np.array([_limited(s, t) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within
     log_forms = np.log(len(forms))
-    weights = np.exp(evidence - scipy.special.logsumexp(evidence))
+    log_weights = evidence - scipy.special.logsumexp(evidence)
     # Weights of the forms, computed from the other flights only.
     ahead = np.array([t.predictive for t in trials])
     without = evidence[:, None] - ahead
@@ -113,7 +113,7 @@ def score(
     reduction = _reductions(problem, trials)
     best = int(np.argmax(evidence + reduction))
     return EffectScore(
-        hypothesis, tuple(forms), tuple(trials), weights, total, predictive, float(within[best]), best,
+        hypothesis, tuple(forms), tuple(trials), log_weights, total, predictive, float(within[best]), best,
         float(evidence[best] - log_forms),
     )  # fmt: skip
 
