@@ -5,10 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
-from sklearn.ensemble import HistGradientBoostingRegressor
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.locating.boosted_trees import predict_by_trees
 from structsel.comparison.locating.ceiling import explainable
 from structsel.comparison.locating.changes import find_changes, find_windows, standing_out
 from structsel.comparison.locating.character import characterise
@@ -159,21 +157,6 @@ def test_the_ceiling_holds_the_recent_past_and_needs_a_second_manoeuvre():
     differences = [f.difference for f in flights]
     assert explainable(flights, differences)["CZ"] > 0.6
     assert explainable(flights[:1], differences[:1]) == {}
-
-
-def test_trees_predict_as_those_of_scikit_learn():
-    rng = np.random.default_rng(3)
-    X = rng.standard_normal((1500, 8))
-    X[:, 5] = np.round(X[:, 5])  # fewer values than bins
-    y = np.sin(2.0 * X[:, 0]) + X[:, 1] ** 2 * (X[:, 5] > 0.5) + 0.3 * rng.standard_normal(1500)
-    train, test = np.arange(1000), np.arange(1000, 1500)
-    theirs = HistGradientBoostingRegressor(
-        max_iter=40, learning_rate=0.12, max_leaf_nodes=8, min_samples_leaf=25, max_bins=48, early_stopping=False
-    )
-    theirs = theirs.fit(X[train], y[train]).predict(X[test])
-    ours = predict_by_trees(X, y, train, test)
-    # Their sums are of single precision: a few splits differ.
-    assert np.std(ours - theirs) < 0.05 * np.std(theirs)
 
 
 def vanes(sigma, coloured=0.0, size=6):

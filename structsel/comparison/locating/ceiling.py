@@ -14,7 +14,6 @@ import scipy
 from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.locating.boosted_trees import predict_by_trees
 from structsel.comparison.locating.windows import Flags
 from structsel.comparison.noise import HIGHEST, bins_of, edge_of
 from structsel.nomenclature import COEFFICIENTS
@@ -130,9 +129,14 @@ def _products(f: Flight, channels: Sequence[str]) -> Array:
 
 def _predict_held_out(X: Array, products: Array, Y: Array, group: Array) -> Array:
     """Fractions of the variance of each column of Y that are explained, on groups held out."""
+    # These libraries take a while to load, and few commands need them.
+    from sklearn.ensemble import HistGradientBoostingRegressor
+    from sklearn.model_selection import GroupKFold
+    from threadpoolctl import threadpool_limits
+
     scale = products.std(axis=0)
     P = products[:, scale > 0.0] / scale[scale > 0.0]
-    folds = _folds(group)
+    folds = list(GroupKFold(min(_FOLDS, len(np.unique(group)))).split(P, groups=group))
     lines = [_ridge(P, Y, train) for train, _ in folds]  # (penalties, samples, columns of Y) of each fold
     straight = np.empty((len(_HELD_TO), *Y.shape))
     for (_, test), line in zip(folds, lines):
@@ -142,22 +146,14 @@ def _predict_held_out(X: Array, products: Array, Y: Array, group: Array) -> Arra
     bent = np.empty_like(Y)
     span = np.ptp(X, axis=0)
     X = np.round((X - X.min(axis=0)) / (_RESOLUTION * np.where(span > 0.0, span, 1.0)))
-    for ((train, test), line), j in product(zip(folds, lines), range(Y.shape[1])):
-        base = line[best[j], :, j] if ridge[best[j], j] > 0.0 else np.zeros(len(Y))
-        bent[test, j] = base[test] + predict_by_trees(X, Y[:, j] - base, train, test)
+    trees = HistGradientBoostingRegressor(
+        max_iter=40, learning_rate=0.12, max_leaf_nodes=8, min_samples_leaf=25, max_bins=48, early_stopping=False
+    )
+    with threadpool_limits(1):  # so small are the trees that threads only wait for each other
+        for ((train, test), line), j in product(zip(folds, lines), range(Y.shape[1])):
+            base = line[best[j], :, j] if ridge[best[j], j] > 0.0 else np.zeros(len(Y))
+            bent[test, j] = base[test] + trees.fit(X[train], Y[train, j] - base[train]).predict(X[test])
     return np.maximum(ridge.max(axis=0), _explained_fractions(Y, bent, group))
-
-
-def _folds(group: Array) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Samples to fit to and to predict, whole groups in folds of about equal size."""
-    numbers, counts = np.unique(group, return_counts=True)
-    size = np.zeros(min(_FOLDS, len(numbers)))
-    fold_of = {}
-    for k in np.argsort(counts)[::-1]:
-        fold_of[numbers[k]] = lightest = int(np.argmin(size))
-        size[lightest] += counts[k]
-    fold = np.array([fold_of[g] for g in group])
-    return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(len(size))]
 
 
 def _ridge(P: Array, Y: Array, train: NDArray[np.intp]) -> Array:
