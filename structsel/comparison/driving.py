@@ -22,7 +22,6 @@ from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.surrogate import CONFIGURATION
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.filters import convolve
 
 _INPUTS = ("de", "da", "dr", "throttle", "thrust", *CONFIGURATION)
 _PAST = np.array([0.0, 0.1, 0.2, 0.35, 0.55, 0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0])  # s
@@ -63,7 +62,7 @@ def _past(f: Flight, inputs: Sequence[str]) -> Array:
     columns = []
     for c in inputs:
         moved = f[c] - f[c][: max(1, round(_BEFORE / f.dt))].mean()
-        columns += [convolve(moved, hat, "full")[: len(f)] for hat in hats]
+        columns += [scipy.signal.fftconvolve(moved, hat)[: len(f)] for hat in hats]
         columns.append(np.cumsum(moved) * f.dt)
     X = np.column_stack(columns)
     return np.asarray(X - X.mean(axis=0))

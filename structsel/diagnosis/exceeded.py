@@ -168,8 +168,8 @@ def _log_bayes(mean: Array, variance: Array, scale: Array) -> Array:
 
 def _log_bayes_at(deviations: float) -> float:
     """Log Bayes factor of a deviation that is known exactly."""
-    wide = -0.5 * (deviations / _WIDER) ** 2 - np.log(_WIDER)
-    return float(scipy.special.logsumexp(wide) - np.log(len(_WIDER)) + 0.5 * deviations**2)
+    wide = scipy.stats.norm.logpdf(deviations, scale=_WIDER)
+    return float(scipy.special.logsumexp(wide) - np.log(len(_WIDER)) - scipy.stats.norm.logpdf(deviations))
 
 
 def _freed(mean: Array, covariance: Array, j: int, factor: float) -> tuple[Array, Array]:

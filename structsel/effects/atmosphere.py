@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
+import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
@@ -156,8 +157,7 @@ def _waves(flights: Flights, channels: Mapping[str, Added]) -> list[Variant]:
         return []
     left = np.array([sum(_periodic(f, channels, x)[1] for f in flights) for x in tried])
     made = []
-    around = np.pad(left, 1, constant_values=np.inf)
-    for frequency in tried[(left < around[:-2]) & (left < around[2:])]:
+    for frequency in tried[scipy.signal.argrelmin(np.pad(left, 1, constant_values=np.inf))[0] - 1]:
         made.append((float(left[tried == frequency][0]), float(frequency)))
     found = []
     for _, frequency in sorted(made)[:_FREQUENCIES]:

@@ -12,7 +12,6 @@ import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.numerics.arrays import Array
-from structsel.numerics.filters import recursive_filter
 
 __all__ = [
     "changes",
@@ -56,7 +55,7 @@ def oscillate(x: Array, dt: float, frequency: float, damping: float) -> Array:
         Fraction of the critical, below 1.
     """
     b, a = _second_order(2.0 * np.pi * frequency * dt, damping)
-    return x[0] + recursive_filter(b, a, x - x[0])
+    return x[0] + scipy.signal.lfilter(b, a, x - x[0])
 
 
 def _second_order(w: float, damping: float) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
+import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import highest_of
@@ -145,8 +146,7 @@ def _clearest(flights: Flights, responses: Sequence[str], drive: str, top: float
             waves.append(np.column_stack([_fast(swung - f[drive]), _fast(f.rate(swung))]))
         Q = np.linalg.qr(np.vstack(waves))[0]
         explained[k] = max((float(np.sum((Q.T @ y) ** 2) / (y @ y)) for y in target.values() if y.any()), default=0.0)
-    around = np.pad(explained, 1)
-    peaked = np.flatnonzero((explained > around[:-2]) & (explained > around[2:]))
+    peaked = scipy.signal.argrelmax(np.pad(explained, 1))[0] - 1
     return [float(tried[k]) for k in sorted(peaked, key=lambda k: -explained[k])[:_SOUGHT]]
 
 

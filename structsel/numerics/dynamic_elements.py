@@ -10,7 +10,6 @@ import scipy
 from structsel.errors import DomainError
 from structsel.numerics.arrays import Array
 from structsel.numerics.compiling import njit
-from structsel.numerics.filters import recursive_filter
 
 _PARTS = 20  # steps per time constant; a step is exact, so this resolves the begin and end of a limit only
 _GAP = 3.0  # median steps; longer gaps are not interpolated
@@ -21,7 +20,7 @@ def first_order_lag(x: Array, dt: float, tau: float) -> Array:
     keep = np.exp(-dt / tau)
     mean = (1.0 - keep) * tau / dt  # of exp(-s / tau) over a sample
     start = (mean - keep) * x[0] + keep * x[0]
-    return recursive_filter(np.array([1.0 - mean, mean - keep]), np.array([1.0, -keep]), x, np.array([start]))
+    return scipy.signal.lfilter([1.0 - mean, mean - keep], [1.0, -keep], x, zi=np.array([start]))[0]
 
 
 def varying_lag(rate: Array, dt: float, decay: Array) -> Array:
@@ -80,7 +79,7 @@ def first_order_noise(white: Array, step: float) -> Array:
     """
     drive = np.sqrt(-np.expm1(-2.0 * step)) * white
     drive[0] = white[0]
-    return recursive_filter(np.array([1.0, 0.0]), np.array([1.0, -np.exp(-step)]), drive)
+    return scipy.signal.lfilter([1.0], [1.0, -np.exp(-step)], drive)
 
 
 def shift(x: np.ndarray, t: np.ndarray, delay: float) -> Array:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from structsel.errors import DataError, DomainError
 from structsel.numerics.arrays import Array
-from structsel.numerics.filters import convolve
 
 MIN_SAMPLES = 16
 """Fewest readings of a channel whose noise is estimated from its spectrum."""
@@ -202,7 +201,7 @@ def smoothed(x: Array, width: float) -> Array:
         return np.asarray(scipy.ndimage.gaussian_filter1d(x, width, mode="nearest"))
     reach = int(4.0 * width + 0.5)
     weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
-    return convolve(np.pad(x, reach, mode="edge"), weight / weight.sum(), "valid")
+    return np.asarray(scipy.signal.fftconvolve(np.pad(x, reach, mode="edge"), weight / weight.sum(), mode="valid"))
 
 
 @lru_cache(maxsize=64)

@@ -97,7 +97,7 @@ def standing_out(powers: Array, ceiling: float = 2.0) -> Array:
     logs = np.log(np.maximum(powers, 1e-12))
     middle = float(np.median(logs))
     scatter = max(middle - float(np.quantile(logs, 0.1587)), 0.1)
-    return np.asarray(scipy.special.ndtr((min(middle, np.log(ceiling)) - logs) / scatter))
+    return np.asarray(scipy.stats.norm.sf((logs - min(middle, np.log(ceiling))) / scatter))
 
 
 def find_windows(

@@ -130,7 +130,7 @@ def _test(kind: str, response: str, y: Array, others: Array, X: Array, cuts: Arr
     fraction = float(((y - before) ** 2).sum() - ((y - after) ** 2).sum()) / max(float(y @ y), 1e-300)
     error = float(gains.std(ddof=1)) / np.sqrt(len(gains))
     statistic = float(gains.mean()) / max(error, 1e-12)
-    return [Character(kind, response, fraction, statistic, float(scipy.special.stdtr(len(gains) - 1, -statistic)))]
+    return [Character(kind, response, fraction, statistic, float(scipy.stats.t.sf(statistic, len(gains) - 1)))]
 
 
 def _predicted_from_others(X: Array, y: Array, cuts: Array) -> Array:
