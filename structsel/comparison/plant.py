@@ -118,6 +118,13 @@ class Plant:
         """Whether the displacement is recorded, so that a force can depend on it."""
         return self.along is None or bool(self.along[0])
 
+    def motion_of(self, flights: Flights) -> frozenset[str]:
+        """Channels of displacement, speed and acceleration along which it is a force."""
+        if not self.along:
+            return frozenset()
+        read = [f.measured[self.response] for f in flights if self.response in f.measured]
+        return frozenset({*self.along, _accelerated(flights, self.along[1], read)} - {"", None})
+
     def under(self, force: Array) -> Array:
         """Response to a force in addition to the input."""
         return force - force.mean() if self.along else self.response_to(force)
@@ -245,8 +252,10 @@ def _motions(flights: Flights, response: str) -> list[tuple[tuple[str, str], flo
     """
     if of_vehicle(flights):
         return []
-    speed = _rising(flights, [f.measured[response] for f in flights], _ACCELERATES)
-    if speed is not None:
+    read = [f.measured[response] for f in flights]
+    speed = _rising(flights, read, _ACCELERATES)
+    # Where another channel is more like the acceleration, the response is the force that this needs.
+    if speed is not None and _accelerated(flights, speed, read) is None:
         place = _rising(flights, [f.channels[speed] for f in flights], _MOVES)
         return [((place or "", speed), -1.0, 1.0)]
     places = {c: _rising(flights, [f.channels[c] for f in flights], _ACCELERATES) for c in _others(flights)}
@@ -286,12 +295,22 @@ def _others(flights: Flights) -> list[str]:
 def _rising(flights: Flights, rates: Sequence[Array], least: float) -> str | None:
     """The channel whose rate is most like one given."""
     simulated = centred(rates)
-    alike = {}
-    for name in _others(flights):
-        x = centred(f.rate(f.channels[name]) for f in flights)
-        alike[name] = float(x @ simulated) / max(float(np.linalg.norm(x) * np.linalg.norm(simulated)), 1e-300)
+    alike = {c: _alike(simulated, centred(f.rate(f.channels[c]) for f in flights)) for c in _others(flights)}
     best = max(alike, key=lambda c: alike[c], default=None)
     return best if best is not None and alike[best] > least else None
+
+
+def _accelerated(flights: Flights, speed: str, response: Sequence[Array]) -> str | None:
+    """The channel that is most like the rate of a speed, if it is more like it than a response."""
+    rate = centred(f.rate(f.channels[speed]) for f in flights)
+    alike = {c: _alike(rate, centred(f.channels[c] for f in flights)) for c in _others(flights)}
+    best = max(alike, key=lambda c: alike[c])
+    return best if alike[best] > _alike(rate, centred(response)) else None
+
+
+def _alike(x: Array, y: Array) -> float:
+    """Correlation of two centred signals."""
+    return float(x @ y) / max(float(np.linalg.norm(x) * np.linalg.norm(y)), 1e-300)
 
 
 def _transfer(u: Sequence[Array], y: Sequence[Array], order: int) -> tuple[Array, Array, float]:

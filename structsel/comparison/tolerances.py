@@ -28,6 +28,7 @@ from structsel.nomenclature import (
     MOMENT_COEFFICIENTS,
 )
 from structsel.numerics.arrays import Array
+from structsel.numerics.signal_quality import estimate_white_noise
 
 MAIN = {
     ("CX", "alpha"), ("CZ", "alpha"), ("CY", "beta"), ("Cl", "beta"), ("Cl", "p_hat"), ("Cl", "da"), ("Cm", "alpha"),
@@ -137,6 +138,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             wrong = {"scale": [f.simulated[response] for f in flights], **find_plant(flights, response).errors(flights)}
             for what, signals in wrong.items():
                 add(f"{response}: {what}", "main", "relative", [{response: x} for x in signals], "wrong-derivative")
+            made += _of_readings(flights, response)
             continue
         if first.surrogate is None:
             continue
@@ -230,6 +232,26 @@ def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
             if _acts(each):
                 made.append(Nuisance(f"noise of {c}", 1.0, "relative", each, 1.0, True, ahead=True))
     return made
+
+
+def _of_readings(flights: Sequence[Flight], response: str) -> list[Nuisance]:
+    """Noise and timing of a channel that is simulated from readings.
+
+    The differences contain its noise with the opposite sign, and whatever smooths the simulation, such as a lag, would
+    explain it. They do not contain what is quick in a simulation without noise. What is derived from readings, as an
+    acceleration is, is of their time to a part of a sampling interval only.
+    """
+    noise = [estimate_white_noise(f.simulated[response]) for f in flights]
+    power = sum(float(x @ x) for x in noise)
+    product = sum(float(x @ estimate_white_noise(f.difference[response])) for f, x in zip(flights, noise))
+    if not power or abs(product / power + 1.0) > 0.5:  # nearer to none of it than to all
+        return []
+    late = [{response: -f.rate(f.simulated[response] - x)} for f, x in zip(flights, noise)]
+    sd = WITHIN_SAMPLE * float(np.median([f.dt for f in flights]))
+    return [
+        Nuisance(f"{response}: noise", 1.0, "relative", [{response: x} for x in noise], 1.0, True, ahead=True),
+        Nuisance(f"{response}: late", sd, "s", late, sd, True, ahead=True),
+    ]
 
 
 def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:

@@ -12,6 +12,7 @@ from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import found_by
 from structsel.diagnosis.ranking import NAMED, TIED, Ranking
 from structsel.diagnosis.result import LISTED, UNNAMED, Bars, EffectFinding, Physics
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _MATERIAL = 0.10  # fraction by which the error would decrease
@@ -38,11 +39,12 @@ def find_unknown(
     problem = ranking.problem
     got, delivered = judging.measured(problem), judging.as_given(problem)
     after = judging.refitted(delivered, judging.held_out(problem))
-    # Half of a residual that is little more than noise cannot be predicted: no regression is needed.
+    # Half of a residual that is little more than noise cannot be predicted: no regression is needed. The noise of a
+    # plant is all that its simulation and the library do not explain.
     remaining = {
         c: judging.rms(after, c) / judging.rms(delivered, c)
         for c in responses
-        if judging.rms(delivered, c) > 0.0 and not judging.is_noise(problem, c)
+        if judging.rms(delivered, c) > 0.0 and (c not in COEFFICIENTS or not judging.is_noise(problem, c))
     }
     tested = [c for c, w in remaining.items() if w > _MATERIAL]
     fraction = explainable(problem.flights, left, tested) if tested else {}

@@ -23,6 +23,7 @@ from structsel.effects.base import (
     Weights,
 )
 from structsel.effects.changes import confined
+from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.model_forms import MakeModel, add_term, derivative, one_hot, state_after
 from structsel.effects.operators import spaced
 from structsel.effects.rate_limits import rate_says, rate_variants
@@ -42,6 +43,7 @@ from structsel.effects.wording import SURFACES, shown
 from structsel.model import Quantity, State
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import delayed, first_order_lag
+from structsel.numerics.signal_quality import noise_std_from_differences
 
 # Feedbacks that aircraft have: surface, what is fed back, prior deviation of the gain, unit.
 _FEEDBACKS = (
@@ -63,6 +65,10 @@ def _needs_control(flights: Flights) -> str:
 
 def _needs_used_control(flights: Flights) -> str:
     return "" if used_controls(flights) else "a control that moves and that the simulation answers to"
+
+
+def _needs_input(flights: Flights) -> str:
+    return "" if channels_with_input(flights) else _needs_used_control(flights)
 
 
 # Lag and delay
@@ -163,7 +169,20 @@ def _play_variants(flights: Flights) -> list[Variant]:
                     model=state_after([control], "backlash", "play", lambda case: {"width": case.quantity("width")}),
                 )
             )  # fmt: skip
-    return made
+    return made + [v for one in channels_with_input(flights) for v in _play_of_input(flights, one)]
+
+
+def _play_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
+    """Play between the input of a simulated channel and what it drives."""
+    reach = float(np.ptp(np.concatenate([f.raw[one.control] for f in flights])))
+    noise = max(noise_std_from_differences(np.diff(f.raw[one.control], 3)) for f in flights)
+    narrowest, widest = max(0.01 * reach, _ABOVE_NOISE * noise), 0.5 * reach
+    if narrowest >= widest:
+        return []
+    return [
+        Variant((FRACTION,), one.behind(partial(actuated, backlash=x)), {"width": x}, {"width": ""}, one.control)
+        for x in spaced(narrowest, widest, 12)
+    ]
 
 
 def _play_says(found: FittedEffect) -> str:
@@ -261,7 +280,7 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         "actuator-rate-limit", "actuator", "A surface moves no faster than its actuator can.",
-        _needs_used_control,
+        _needs_input,
         rate_variants, rate_says,
         look_alikes=("actuator-lag", "backlash", "actuator-saturation"),
         separated_by="the same input at half and at twice the size: a lag keeps its shape, a rate limit does not",
@@ -277,7 +296,7 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         "backlash", "actuator", "A dead play in the linkage: small reversals do not reach the surface.",
-        _needs_used_control,
+        _needs_input,
         _play_variants, _play_says,
         look_alikes=("actuator-lag", "friction", "actuator-rate-limit"),
         separated_by="small and large reversals of the same control: the play keeps its size",

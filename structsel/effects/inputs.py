@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.plant import Plant, answers, find_plant, of_vehicle
-from structsel.effects.base import Flights
+from structsel.effects.base import Columns, Flights
 from structsel.effects.signals import moves
 from structsel.nomenclature import is_known, list_channels
 from structsel.numerics.arrays import Array, centred
@@ -38,6 +38,17 @@ class DrivenChannel:
     of: Callable[[Array], Array]
     plant: Plant | None = None
 
+    def behind(self, operator: Callable[[Array, Flight], Array]) -> Callable[[Flight], Columns]:
+        """Column of the channel if its input comes through an operator."""
+
+        def columns(flight: Flight) -> Columns:
+            x = flight.raw[self.control]
+            if self.response not in flight.measured:
+                return {}
+            return {self.response: self.to(flight, operator(x, flight) - x)[:, None]}
+
+        return columns
+
     def to(self, flight: Flight, change: Array) -> Array:
         """Change of the simulated channel of one flight; zero where it has none."""
         return self.of(change) if self.response in flight.measured else np.zeros(len(flight))
@@ -50,17 +61,20 @@ def channels_with_input(flights: Flights) -> list[DrivenChannel]:
         plant = find_plant(flights, response)
         if plant.source and not plant.along and not of_vehicle(flights):
             made.append(DrivenChannel(response, plant.source, plant.response_to, plant))
-        elif of_vehicle(flights):
-            made += _at_once(flights, response)
+        else:
+            made += _at_once(flights, response, plant.motion_of(flights))
     return made
 
 
-def _at_once(flights: Flights, response: str) -> list[DrivenChannel]:
-    """By regression of the simulated channel on all other channels; one of no known name is an input."""
+def _at_once(flights: Flights, response: str, motion: Collection[str]) -> list[DrivenChannel]:
+    """By regression of the simulated channel on all other channels; one of no known name is an input.
+
+    The channels of a mechanism's motion are none.
+    """
     named = {c.name for group in _GROUPS for c in list_channels(group)} - {"mass"}
     channels = sorted(flights[0].recorded - {"t", *answers(flights)})
     used = [c for c in channels if all(c in f.recorded for f in flights) and moves(flights, c)]
-    controls = [c for c in used if c in named or not is_known(c)]
+    controls = [c for c in used if (c in named or not is_known(c)) and c not in motion]
     if not controls:
         return []
     X = np.column_stack([centred(f.channels[c] for f in flights) for c in used])

@@ -13,6 +13,7 @@ that it is to explain.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
@@ -31,6 +32,7 @@ _REACHED = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.9995)
 """Quantiles of what a motion reaches, at which there may be a stop."""
 _FILLED = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """Quantiles of a state behind the input, at which it may overflow."""
+_LATER = 1.2  # largest ratio of a lag to the next smaller one that is tried
 _PATHS = (-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0)  # deg of delta over gamma; at 90 the force would be elastic
 
 
@@ -107,7 +109,7 @@ def _friction(flights: Flights) -> list[Variant]:
     made = []
     for plant in _pushed(flights):
         parameter = EffectParameter("force", "input", 0.3 * plant.size, 0.0)
-        for fraction in (0.03, 0.1, 0.3):
+        for fraction in (0.003, 0.01, 0.03, 0.1, 0.3):
             smooth = fraction * plant.speed
             made.append(_forced(plant, parameter, partial(_dry, slow=smooth), "dry friction", {"rounding": fraction}))
         for fraction in (0.3, 1.0):
@@ -289,9 +291,10 @@ def delayed_answers(
     made = []
     for response in answers(flights):
         first = next(f for f in flights if response in f.simulated)
-        low, high = max(0.75 * first.dt, 1e-3), min(0.5, 0.05 * first.dt * len(first))
+        low, high = 0.75 * first.dt, 0.05 * first.dt * len(first)
+        count = 1 + math.ceil(math.log(high / low) / math.log(_LATER))
         for name in operators:
-            for tau in spaced(low, high, 14):
+            for tau in spaced(low, high, count):
 
                 def behind(f: Flight, r: str = response, g: Callable = _LATE[name], x: float = tau) -> Columns:
                     if r not in f.simulated:

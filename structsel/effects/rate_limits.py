@@ -9,6 +9,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import FittedEffect, Flights, ModelCase, ModelForm, Variant
+from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.model_forms import state_after
 from structsel.effects.operators import spaced
 from structsel.effects.signals import gathered
@@ -20,6 +21,7 @@ from structsel.numerics.compiling import njit
 _LONGEST = 1.5  # s, that a surface takes at most through all it is asked
 _LAGGING = 0.05  # s, of a limited actuator that lags as well; chosen, not critical
 _LAGGED = "with a lag"
+_PART = 0.2  # of a recording, that an input takes at most through its range
 _FINE = 1.3  # ratio of one rate tried to the next
 
 
@@ -48,7 +50,19 @@ def rate_variants(flights: Flights) -> list[Variant]:
     if len(controls) > 1:
         fastest = max(float(np.abs(f.rate(f[c])).max()) for f in flights for c in controls)
         made += [_rated(controls, partial(actuated, rate=x), x) for x in spaced(0.12 * fastest, 0.85 * fastest, 5)]
-    return made
+    return made + [v for one in channels_with_input(flights) for v in _limits_of_input(flights, one)]
+
+
+def _limits_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
+    """The input of a simulated channel, which drives it no faster than at some rate."""
+    recorded = [f.raw[one.control] for f in flights]
+    fastest = max(float(np.abs(f.rate(x)).max()) for f, x in zip(flights, recorded))
+    slowest = min(0.05 * fastest, float(np.ptp(np.concatenate(recorded))) / (_PART * flights[0].dt * len(flights[0])))
+    count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
+    return [
+        Variant((FRACTION,), one.behind(partial(actuated, rate=x)), {"rate": x}, {"rate": "per s"}, one.control)
+        for x in spaced(slowest, 0.85 * fastest, count)
+    ]
 
 
 def _rated(

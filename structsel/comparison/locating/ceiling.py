@@ -27,6 +27,7 @@ _CHANNELS = (
 _SQUARED = ("alpha", "beta", "q_hat", "p_hat", "r_hat", "de", "da", "dr", "V", "CT")
 _PAST = (0.15, 0.4, 1.0)  # s
 _REMEMBERED = ("alpha", "beta", "de", "da", "dr", "CT", "throttle")  # past rates of turn hold the moments' own noise
+_PLANT_PAST = (0.002, 0.005, 0.01, 0.02, 0.05)  # of a recording, that a plant remembers
 _HELD_TO = (1.0, 30.0, 1000.0)
 _PER_HERTZ = 2.2  # samples kept per hertz of the band
 _FOLDS = 4
@@ -60,6 +61,7 @@ def explainable(
     here = [c for c in differences[0] if all(c in d for d in differences)]
     wanted = list(responses) if responses is not None else [c for c in here if c in COEFFICIENTS] or here
     channels = _moving(flights)
+    lags = _plant_lags(flights, channels)
     total = sum(_kept(f)[1].sum() for f in flights)
     every = max(1, int(np.ceil(total / _SAMPLES)))
     X, products, y, group = [], [], [], []
@@ -67,8 +69,9 @@ def explainable(
         step, inside = _kept(f)
         at = np.flatnonzero(inside)[::every]
         plain = np.column_stack([f[c] for c in channels])
-        X.append(np.column_stack([plain, _past(f, channels)])[::step][at])
-        products.append(_in_band(_products(f, channels), f)[::step][at])
+        past = _past(f, channels, lags)
+        X.append(np.column_stack([plain, past])[::step][at])
+        products.append(_in_band(_products(f, channels, past), f)[::step][at])
         y.append(_in_band(np.column_stack([d[c] for c in wanted]), f)[::step][at])
         group.append(np.full(len(at), k))
     Y = np.concatenate([part - part.mean(axis=0) for part in y])
@@ -112,19 +115,31 @@ def _delayed(x: Array, k: int) -> Array:
     return np.concatenate([np.full(min(k, len(x)), x[0]), x[: max(len(x) - k, 0)]])
 
 
-def _past(f: Flight, channels: Sequence[str]) -> Array:
-    made = [_delayed(f[c], round(lag / f.dt)) for c in channels if c in _REMEMBERED for lag in _PAST]
+def _plant_lags(flights: Sequence[Flight], channels: Sequence[str]) -> list[int]:
+    """Samples of its past that a plant may remember, in its own time; none of an aircraft."""
+    if set(flights[0].simulated) & set(COEFFICIENTS) or not set(channels).isdisjoint(_CHANNELS):
+        return []
+    shortest = min(map(len, flights))
+    return [0, *sorted({max(1, round(part * shortest)) for part in _PLANT_PAST})]
+
+
+def _past(f: Flight, channels: Sequence[str], lags: Sequence[int]) -> Array:
+    """Past values of channels that are remembered; of a plant, of all that move it and of its simulated responses."""
+    if lags:
+        made = [_delayed(x, lag) for x in (*(f[c] for c in channels), *f.simulated.values()) for lag in lags]
+    else:
+        made = [_delayed(f[c], round(lag / f.dt)) for c in channels if c in _REMEMBERED for lag in _PAST]
     return np.column_stack(made) if made else np.zeros((len(f), 0))
 
 
-def _products(f: Flight, channels: Sequence[str]) -> Array:
+def _products(f: Flight, channels: Sequence[str], past: Array) -> Array:
     """Channels, their squares and products and cubes, and past values; each centred and scaled."""
     centred = {c: (f[c] - f[c].mean()) for c in channels}
     squared = [c for c in channels if c in _SQUARED] or list(channels)[:8]
     made = list(centred.values())
     made += [f[a] * f[b] for i, a in enumerate(squared) for b in squared[i:]]
     made += [f[c] ** 3 for c in squared[:2]]
-    return np.column_stack([*made, _past(f, channels)])
+    return np.column_stack([*made, past])
 
 
 def _predict_held_out(X: Array, products: Array, Y: Array, group: Array) -> Array:

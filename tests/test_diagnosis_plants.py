@@ -1,0 +1,133 @@
+"""Mechanisms and processes that are no aircraft: what their simulations lack is named, with its size."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from structsel.comparison.plant import find_plant
+from structsel.comparison.preparing import prepare
+from structsel.comparison.tolerances import tolerances_of
+from structsel.diagnosis import diagnose
+from structsel.numerics.dynamic_elements import actuate, delayed, first_order_lag
+from structsel.recording import Recording
+
+COUNT = 4
+
+
+def smooth(rng, n, width, size):
+    """Random motion."""
+    x = gaussian_filter1d(rng.standard_normal(n + 8 * int(width)), width)[4 * int(width) :][:n]
+    return size * x / x.std()
+
+
+def case(make, seed=0):
+    """Simulated and recorded runs: `make` gives the clock, the channels and the simulated channels of one."""
+    rng = np.random.default_rng(seed)
+    recordings, simulated = [], {}
+    for k in range(COUNT):
+        t, channels, stated = make(rng, k)
+        recordings.append(Recording(f"run {k}", t, channels))
+        simulated[f"run {k}"] = Recording(f"run {k}", t, stated)
+    return simulated, recordings
+
+
+def joint(friction, simulated):
+    """A joint with its current, and the current that its acceleration needs or the acceleration that it causes."""
+
+    def make(rng, k):
+        t = 0.01 * np.arange(800)
+        place = smooth(rng, len(t), 13.0, 0.5)
+        speed = np.gradient(place, 0.01)
+        acceleration = np.gradient(speed, 0.01)
+        current = 0.02 * acceleration + 0.03 * speed + friction * np.tanh(speed / 0.02)
+        read = {
+            "place": place + 1e-4 * rng.standard_normal(len(t)),
+            "speed": speed + 0.01 * rng.standard_normal(len(t)),
+            "acceleration": acceleration + 0.2 * rng.standard_normal(len(t)),
+            "current": current + 0.005 * rng.standard_normal(len(t)),
+        }
+        stated = {
+            "current": 0.02 * read["acceleration"] + 0.03 * read["speed"],
+            "acceleration": (read["current"] - 0.03 * read["speed"]) / 0.02,
+        }
+        return t, read, {simulated: stated[simulated]}
+
+    return make
+
+
+def servo(operator):
+    """A servo with a lag of 0.06 s, behind an operator on its command."""
+
+    def make(rng, k):
+        t = 0.01 * np.arange(1500)
+        command = 0.3 * np.sin(2.0 * np.pi * (0.2 + 0.15 * k) * t + k) + smooth(rng, len(t), 20.0, 0.08)
+        place = first_order_lag(operator(t, command), 0.01, 0.06) + 0.001 * rng.standard_normal(len(t))
+        return t, {"command": command, "place": place}, {"place": first_order_lag(command, 0.01, 0.06)}
+
+    return make
+
+
+def heater(rng, k):
+    """A process of 80 s, sampled each second, whose input comes 8 s late."""
+    t = np.arange(1200.0)
+    power = np.repeat(rng.uniform(0.0, 1.0, 20), 60)
+    read, stated = (40.0 * first_order_lag(u, 1.0, 80.0) for u in (delayed(power, 1.0, 8.0), power))
+    return t, {"power": power, "warmth": read + 0.05 * rng.standard_normal(len(t))}, {"warmth": stated}
+
+
+@pytest.mark.parametrize(("simulated", "size"), [("current", 0.06), ("acceleration", 3.0)])
+def test_friction_is_found_in_the_force_that_a_motion_needs_and_in_what_accelerates_it(simulated, size):
+    found = diagnose(*case(joint(0.06, simulated)))
+    (finding,) = found.findings
+    (physics,) = [p for p in finding.physics if p.effect == "friction"]
+    assert physics.probability > 0.95
+    assert physics.parameters["force"].value == pytest.approx(size, rel=0.05)
+    assert finding.bars[simulated].physics.rrmse < 0.2 * finding.bars[simulated].refitted.rrmse
+
+
+@pytest.mark.parametrize("simulated", ["current", "acceleration"])
+def test_noise_of_the_readings_that_a_simulation_is_computed_from_is_no_mismatch(simulated):
+    runs = case(joint(0.0, simulated))
+    assert diagnose(*runs).verdict == "consistent"
+    assert {f"{simulated}: noise", f"{simulated}: late"} < {n.name for n in tolerances_of(prepare(*runs, None).flights)}
+
+
+def test_what_is_quick_in_a_simulation_without_noise_is_not_taken_for_noise():
+    runs = case(servo(lambda t, x: x))
+    assert not [n.name for n in tolerances_of(prepare(*runs, None).flights) if n.name.endswith("noise")]
+    assert diagnose(*runs).verdict == "consistent"
+
+
+def test_the_force_that_a_motion_needs_rises_with_friction():
+    senses = [
+        find_plant(prepare(*case(joint(0.06, simulated)), None).flights, simulated).sense
+        for simulated in ("current", "acceleration")
+    ]
+    assert senses == [1.0, -1.0]
+
+
+@pytest.mark.parametrize(
+    ("effect", "operator", "name", "value"),
+    [
+        ("backlash", {"backlash": 0.03}, "width", 0.03),
+        ("actuator-rate-limit", {"rate": 0.4}, "rate", 0.4),
+    ],
+)
+def test_play_and_a_rate_limit_before_a_servo_are_found(effect, operator, name, value):
+    found = diagnose(*case(servo(lambda t, x: actuate(t, x, **operator))))
+    physics = found.findings[0].physics[0]
+    assert (physics.effect, found.verdict) == (effect, "mismatch")
+    assert physics.parameters[name].value == pytest.approx(value, rel=0.15)
+
+
+def test_a_delay_is_found_in_the_time_of_the_process():
+    physics = diagnose(*case(heater)).findings[0].physics[0]
+    assert physics.effect == "actuator-lag"
+    delays = [x.value for name, x in physics.parameters.items() if name.startswith("delay")]
+    assert sum(delays) == pytest.approx(8.0, rel=0.1)
+
+
+def test_a_repeatable_mismatch_of_a_process_is_predicted_from_its_past():
+    runs = case(servo(lambda t, x: actuate(t, x, rate=0.4)))
+    found = diagnose(*runs, without_effects=["actuator-rate-limit", "actuator-lag", "backlash", "saturation"])
+    assert "unknown" in {p.effect for f in found.findings for p in f.physics}
