@@ -123,7 +123,7 @@ class Plant:
         if not self.along:
             return frozenset()
         read = [f.measured[self.response] for f in flights if self.response in f.measured]
-        return frozenset({*self.along, _accelerated(flights, self.along[1], read)} - {"", None})
+        return frozenset({*self.along, _accelerated(flights, self.along[1], read) or ""} - {""})
 
     def under(self, force: Array) -> Array:
         """Response to a force in addition to the input."""
