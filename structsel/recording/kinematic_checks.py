@@ -205,9 +205,11 @@ def _best_correction(
     """The correction that closes the most equations and opens none, or those that are equally likely."""
     tried = []
     for one in _candidates(now, doubtful, parts[0]):
-        if "t" not in one.channels and not any(set(USES[e]) & set(one.channels) for e in doubtful):
+        moved = [e for e in now if {"t", *USES[e]} & set(one.channels)]
+        if not set(moved) & set(doubtful):
             continue
-        then = _closures([one.apply(part) for part in parts], now)
+        then = {e: c for e, c in now.items() if e not in moved}
+        then |= _closures([one.apply(part) for part in parts], moved)
         if any(_is_opened(e, c, then.get(e)) for e, c in now.items()):
             continue
         won = [e for e in doubtful if e in then and _is_won(now[e], then[e])]
