@@ -168,6 +168,13 @@ def test_an_angle_whose_typical_value_is_no_angle_is_reported_for_a_recording_ma
 # --- one flight under two names ----------------------------------------------------------------------
 
 
+def test_a_checked_recording_is_not_checked_again_and_a_changed_one_is(flights, monkeypatch):
+    checked = scaled(flights[0], {}).check()
+    monkeypatch.setattr("structsel.recording.sets.find_unit_and_sign_errors", lambda t, channels: [*channels])
+    assert find_entry_errors(checked) == []
+    assert find_entry_errors(replace(checked, channels={"q": checked["q"]}, units={})) == ["q"]
+
+
 def test_one_flight_under_two_names_is_reported_whatever_the_time_of_day(flights):
     again = replace(flights[1], name="again", t=flights[1].t + 3600.0)
     assert not same_flights(flights)
