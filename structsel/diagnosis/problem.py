@@ -29,6 +29,7 @@ from structsel.numerics.fourier_series import spectrum
 
 Spectra = Mapping[str, Array]
 _LARGEST_WIDENING = 0.3  # relative, of the tolerance of a derivative
+_CLEARLY_WIDER = 1.01  # ratio of tolerances from which the noise of their response is estimated again
 _TOLERANCE_FRACTIONS = (1.0, 0.3, 0.1, 0.03)
 """Prior standard deviations over the stated tolerances: a tolerance is a bound, and most simulations are better."""
 
@@ -88,9 +89,8 @@ class DiagnosisProblem:
             own.append(as_spectra(side_by_side([(sd, columns) for _, sd, columns in biases_of(f)], f), f))
         pool = _pool(flights, library, flights[0].responses)
         first = estimate_noise(flights, allowed, flights[0].responses, pool)
-        nuisances, allowed = _widened(flights, nuisances, allowed, first)
-        others = first.but_for(flights[0].simulated)  # their tolerances have not changed
-        return cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups, others)
+        nuisances, allowed, changed = _widened(flights, nuisances, allowed, first)
+        return cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups, first.but_for(changed))
 
     @property
     def judged_responses(self) -> list[str]:
@@ -250,14 +250,14 @@ def _pool(flights: Sequence[Flight], library: Sequence[Signature], responses: Se
 
 def _widened(
     flights: Sequence[Flight], nuisances: Sequence[Nuisance], allowed: Sequence[Spectra], noise: Noise
-) -> tuple[list[Nuisance], list[Spectra]]:
-    """Tolerances of the terms of the simulation, widened for noise in the states, and their spectra.
+) -> tuple[list[Nuisance], list[Spectra], set[str]]:
+    """Tolerances of the simulation, widened for noise in the states, their spectra, and where they are clearly wider.
 
     A simulation that is evaluated at noisy states responds to the noise; the measured response does not. Every
     derivative then appears too large, by at most the ratio of noise power to simulated power.
     """
     made: list[dict[str, Array]] = [dict(a) for a in allowed]
-    wider = list(nuisances)
+    wider, changed = list(nuisances), set()
     for c in flights[0].simulated:
         power = sum(float(np.sum(noise.std(f, c, bins_of(f))[1:] ** 2)) for f in flights)
         simulated = sum(float(np.sum(spectrum(f.simulated[c], bins_of(f), edge_of(f))[1:] ** 2)) for f in flights)
@@ -267,4 +267,6 @@ def _widened(
                 wider[j] = replace(n, sd=float(np.hypot(n.sd, fraction)), least=float(np.hypot(n.least, fraction)))
                 for a in made:
                     a[c][:, j] *= wider[j].sd / n.sd
-    return wider, list(made)
+                if wider[j].sd > _CLEARLY_WIDER * n.sd:
+                    changed.add(c)
+    return wider, list(made), changed
