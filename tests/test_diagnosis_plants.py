@@ -75,6 +75,37 @@ def heater(rng, k):
     return t, {"power": power, "warmth": read + 0.05 * rng.standard_normal(len(t))}, {"warmth": stated}
 
 
+def pedal(rng, k):
+    """A turn rate by a pedal with a dead zone of 0.1."""
+    t = 0.02 * np.arange(1500)
+    moved = smooth(rng, len(t), 25.0, 0.2 + 0.1 * k)
+    read, stated = (first_order_lag(x, 0.02, 0.67) for x in (moved - np.clip(moved, -0.1, 0.1), moved))
+    return t, {"pedal": moved, "turn": read + 0.003 * rng.standard_normal(len(t))}, {"turn": stated}
+
+
+def slide(rng, k):
+    """The speed of a mass of 95 kg on a guide with a damping of 200 N s/m and a dry friction of 20 N."""
+    t = 0.005 * np.arange(3000)
+    force = smooth(rng, len(t), 60.0, 60.0 + 10.0 * k)
+    true, stated = np.zeros(len(t)), np.zeros(len(t))
+    for speed, dry in ((true, 20.0), (stated, 0.0)):
+        for i in range(len(t) - 1):
+            push = force[i] - 200.0 * speed[i] - dry * np.tanh(speed[i] / 0.002)
+            speed[i + 1] = speed[i] + 0.005 * push / 95.0
+    return t, {"force": force, "speed": true + 0.002 * rng.standard_normal(len(t))}, {"speed": stated}
+
+
+def hover(rng, k):
+    """Velocities over the ground that drag takes along with a wind within 2.9 s, simulated in still air."""
+    t = 0.05 * np.arange(600)
+    read = {"phi": smooth(rng, len(t), 15.0, 0.1), "theta": smooth(rng, len(t), 15.0, 0.1), "psi": np.zeros(len(t))}
+    pulled = {"vn": -9.81 * np.tan(read["theta"]), "ve": 9.81 * np.tan(read["phi"])}
+    stated = {c: 2.9 * (first_order_lag(x, 0.05, 2.9) - x[0] * np.exp(-t / 2.9)) for c, x in pulled.items()}
+    taken = 1.0 - np.exp(-t / 2.9)
+    true = {"vn": stated["vn"] + 3.0 * taken, "ve": stated["ve"] - 2.0 * taken, "vd": np.zeros(len(t))}
+    return t, read | {c: x + 0.03 * rng.standard_normal(len(t)) for c, x in true.items()}, stated
+
+
 @pytest.mark.parametrize(("simulated", "size"), [("current", 0.06), ("acceleration", 3.0)])
 def test_friction_is_found_in_the_force_that_a_motion_needs_and_in_what_accelerates_it(simulated, size):
     found = diagnose(*case(joint(0.06, simulated)))
@@ -131,3 +162,22 @@ def test_a_repeatable_mismatch_of_a_process_is_predicted_from_its_past():
     runs = case(servo(lambda t, x: actuate(t, x, rate=0.4)))
     found = diagnose(*runs, without_effects=["actuator-rate-limit", "actuator-lag", "backlash", "saturation"])
     assert "unknown" in {p.effect for f in found.findings for p in f.physics}
+
+
+def test_a_dead_zone_of_an_input_is_found_with_its_width():
+    physics = diagnose(*case(pedal)).findings[0].physics[0]
+    assert physics.effect == "control-nonlinearity"
+    assert physics.parameters["within"].value == pytest.approx(0.1, abs=0.03)
+
+
+def test_dry_friction_of_a_speed_is_found_along_the_simulated_speed():
+    physics = diagnose(*case(slide)).findings[0].physics[0]
+    assert physics.effect == "friction"
+    assert physics.parameters["force"].value == pytest.approx(20.0, rel=0.1)
+
+
+def test_a_wind_takes_velocities_along_that_a_simulation_integrates():
+    physics = diagnose(*case(hover)).findings[0].physics[0]
+    assert physics.effect == "steady-wind"
+    assert [physics.parameters[a].value for a in ("north", "east")] == pytest.approx([3.0, -2.0], abs=0.1)
+    assert physics.parameters["time constant"].value == pytest.approx(2.9, rel=0.2)

@@ -105,6 +105,11 @@ class Plant:
         return bool(gains[0] > _FALLS * gains[1])
 
     @property
+    def is_lag(self) -> bool:
+        """Whether the response is a speed that an input sets in motion against a damping, without further inertia."""
+        return bool(self.source) and not self.along and not self.swings and len(self._slowest(1.0)) > 0
+
+    @property
     def pushes_back(self) -> bool:
         """Whether a force can act on its motion, which is recorded, or lies behind an input and inertia.
 
@@ -199,7 +204,7 @@ def find_plants(flights: Flights, response: str) -> list[Plant]:
     made = []
     for along, sense, r2_motion in motions:
         _, source, b, a = _input_of(held, response, first.recorded - {"t", *first.simulated, *along})
-        if r2_motion >= _NEEDED or not source:
+        if r2_motion >= _NEEDED or not source or _is_at_once(held, response, (source, *along)):
             moves, paces = (rms_within(f.channels[c] for f in held) if c else 0.0 for c in along)
             made.append(Plant(response, source, b, a, moved, moves or paces, paces, along, sense))
     if made:
@@ -208,6 +213,14 @@ def find_plants(flights: Flights, response: str) -> list[Plant]:
     u = first.raw[source] if source else first.simulated[response][:_SAMPLES]
     speed = np.concatenate([f.rate(f.measured[response]) for f in held])
     return [Plant(response, source, b, a, _rms(u - u.mean()), moved, _rms(speed))]
+
+
+def _is_at_once(flights: Flights, response: str, channels: Iterable[str]) -> bool:
+    """Whether a simulated response is a linear function of channels at the same time, without dynamics of its own."""
+    X = np.column_stack([centred(f.raw[c] for f in flights) for c in channels if c])
+    y = centred(f.simulated[response] for f in flights)
+    left = y - X / _rms_of(X) @ scipy.linalg.lstsq(X / _rms_of(X), y)[0]
+    return float(left @ left) < (1.0 - _NEEDED) * float(y @ y)
 
 
 def _input_of(flights: Flights, response: str, channels: Iterable[str]) -> tuple[float, str, Array, Array]:
@@ -248,7 +261,7 @@ def of_vehicle(flights: Flights) -> bool:
 def _motions(flights: Flights, response: str) -> list[tuple[tuple[str, str], float, float]]:
     """Displacement and rate that a response accelerates, or that need it, best first.
 
-    With the sense of a force against them, and the R2 of the simulated response by them.
+    With the sense of a force against them, and the R2 of the simulated response by them; zero where it is no force.
     """
     if of_vehicle(flights):
         return []
@@ -257,7 +270,7 @@ def _motions(flights: Flights, response: str) -> list[tuple[tuple[str, str], flo
     # Where another channel is more like the acceleration, the response is the force that this needs.
     if speed is not None and _accelerated(flights, speed, read) is None:
         place = _rising(flights, [f.channels[speed] for f in flights], _MOVES)
-        return [((place or "", speed), -1.0, 1.0)]
+        return [((place or "", speed), -1.0, 0.0)]
     places = {c: _rising(flights, [f.channels[c] for f in flights], _ACCELERATES) for c in _others(flights)}
     pairs = [(place, c) for c, place in places.items() if place is not None and places[place] is None]
     # Two channels of a chain are displacement and speed, or speed and acceleration: both are tried.

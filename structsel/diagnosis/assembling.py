@@ -253,7 +253,7 @@ def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping
 
 def _axes(gained: Mapping[str, float], problem: DiagnosisProblem, member: Member) -> tuple[str, ...]:
     """Responses whose error decreases, the largest decrease first."""
-    touched = {c for k in member.places for c in problem.accepted[k].responses}
+    touched = [c for c in problem.responses if any(c in problem.accepted[k].responses for k in member.places)]
     mine = {c: g for c, g in gained.items() if c in touched}
     if not mine:
         return tuple(touched)

@@ -8,9 +8,10 @@ import numpy as np
 import scipy
 
 from structsel.comparison.flight import Flight
+from structsel.comparison.plant import answers
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.moving_air import Added, blown, channels_in_wind, frames
-from structsel.effects.operators import more_and_more, pulse, pulses, shape_of, shared_pulses
+from structsel.effects.moving_air import OVER_GROUND, Added, blown, channels_in_wind, frames
+from structsel.effects.operators import more_and_more, pulse, pulses, shape_of, shared_pulses, spaced
 from structsel.effects.readings import cannot_be_shifted, wrong_readings
 from structsel.effects.signals import available, coefficients, gathered, moves, signature
 from structsel.effects.wording import shown
@@ -19,6 +20,7 @@ from structsel.numerics.air_data import flow_angle_rates
 from structsel.numerics.arrays import Array, centred
 
 _AXES = ("north", "east", "down")
+_TAKEN_ALONG = (0.5, 25.0, 19)  # s, in which drag takes a vehicle along, and how many are tried
 _RANGE = 15.0  # m of height below which a shear does not show
 _LENGTHS = (0.4, 0.57, 0.8, 1.13, 1.6, 2.26, 3.2)  # s
 _GUSTS = 6  # manoeuvres tried for each length
@@ -55,7 +57,7 @@ def _wind_variants(flights: Flights) -> list[Variant]:
     level = tuple(EffectParameter(a, "m/s", 5.0, -50.0, 50.0) for a in _AXES[:2])
     # A wind of its own in each manoeuvre would be free; one wind for all can be determined.
     steady = blown(lambda f: [_along(i, np.ones(len(f))) for i in range(2)], channels_in_wind(flights))
-    made = [Variant(level, steady, about="over the ground")]
+    made = [Variant(level, steady, about="over the ground"), *_taken_along(flights, level)]
     if available(flights, "psi") and not cannot_be_shifted(flights):
         made.append(
             Variant(
@@ -71,6 +73,28 @@ def _wind_variants(flights: Flights) -> list[Variant]:
                 about="airspeed made from ground speed",
             )
         )
+    return made
+
+
+def _taken_along(flights: Flights, level: tuple[EffectParameter, ...]) -> list[Variant]:
+    """Velocities over the ground that a simulation integrates: drag takes the vehicle along with the wind.
+
+    They begin as recorded. Where airspeed is recorded, they follow from it, and have the wind at once.
+    """
+    moved = [c for c in OVER_GROUND[:2] if c in answers(flights)]
+    if not moved or any("V" in f.recorded for f in flights):
+        return []
+    made = []
+    for tau in spaced(*_TAKEN_ALONG):
+
+        def columns(flight: Flight, tau: float = tau) -> Columns:
+            taken = 1.0 - np.exp(-(flight.t - flight.t[0]) / tau)
+            nothing = np.zeros(len(flight))
+            each = {c: [taken if c == axis else nothing for axis in OVER_GROUND[:2]] for c in moved}
+            return {c: np.column_stack(x) for c, x in each.items() if c in flight.measured}
+
+        shape = {"time constant": tau}
+        made.append(Variant(level, columns, shape, {"time constant": "s"}, "over the ground, taken along by drag"))
     return made
 
 

@@ -38,6 +38,7 @@ _LAWS: dict[str, Callable[[Array], Array]] = {
     "d^2": lambda d: d**2,
 }
 _THRESHOLDS = (0.3, 0.45, 0.6, 0.75)  # of the largest deflection
+_DEAD = (0.03, 0.06, 0.1, 0.15, 0.2, 0.3)  # of the same, within which an input does nothing
 _LAW_TERMS = {"d|d|": "{0}*abs({0})", "d^3": "{0}^3", "d^2": "{0}^2"}
 _CURVATURES = (0.0, 0.4)  # of the loss of power with dynamic pressure: k q / (1 + c q)
 _LOSS = "loss at mean qbar"
@@ -94,6 +95,9 @@ def _bent_inputs(flights: Flights, one: DrivenChannel) -> list[Variant]:
     for fraction in _THRESHOLDS:
         start = fraction * largest
         made.append(_bent_input(one, partial(_excess, start=start), middle, "beyond a deflection", {"beyond": start}))
+    for fraction in _DEAD:
+        end = fraction * largest
+        made.append(_bent_input(one, partial(np.clip, a_min=-end, a_max=end), middle, "dead zone", {"within": end}))
     return made
 
 
@@ -181,6 +185,8 @@ def _says_bend(found: FittedEffect) -> str:
         angle = variant.words.get("unit", "rad") == "rad"
         start = f"{np.rad2deg(variant.shape['beyond']):.1f} deg" if angle else found.text("beyond")
         return f"Beyond {start} the slope of {control} falls by {percent}{variant.words['where']}."
+    if "within" in variant.shape:
+        return f"Within {found.text('within')} of its middle {control} has lost {percent} of its effect."
     if law.startswith("d^2"):
         return f"The effect of {control} differs between its two sides by {percent} at the largest deflection ({law})."
     return f"At its largest deflection {control} has lost {percent} of its effect ({law})."

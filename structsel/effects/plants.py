@@ -32,6 +32,7 @@ _REACHED = (0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.9995)
 """Quantiles of what a motion reaches, at which there may be a stop."""
 _FILLED = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """Quantiles of a state behind the input, at which it may overflow."""
+_ROUNDINGS = (0.003, 0.01, 0.03, 0.1, 0.3)  # of dry friction, of the rms speed
 _LATER = 1.2  # largest ratio of a lag to the next smaller one that is tried
 _PATHS = (-60.0, -40.0, -20.0, 0.0, 20.0, 40.0, 60.0)  # deg of delta over gamma; at 90 the force would be elastic
 
@@ -109,12 +110,34 @@ def _friction(flights: Flights) -> list[Variant]:
     made = []
     for plant in _pushed(flights):
         parameter = EffectParameter("force", "input", 0.3 * plant.size, 0.0)
-        for fraction in (0.003, 0.01, 0.03, 0.1, 0.3):
+        for fraction in _ROUNDINGS:
             smooth = fraction * plant.speed
             made.append(_forced(plant, parameter, partial(_dry, slow=smooth), "dry friction", {"rounding": fraction}))
         for fraction in (0.3, 1.0):
             law = partial(_stribeck, slow=fraction * plant.speed)
             made.append(_forced(plant, parameter, law, "friction that falls with speed", {"speed": fraction}))
+    return [*made, *(v for response in answers(flights) for v in _braked(find_plant(flights, response), flights))]
+
+
+def _braked(plant: Plant, flights: Flights) -> list[Variant]:
+    """Dry friction of a speed that follows its input by a lag: along the simulated speed, which it does not explain."""
+    held = [f for f in flights if plant.response in f.simulated]
+    simulated = np.concatenate([f.simulated[plant.response] for f in held])
+    if not plant.is_lag or simulated.min() * simulated.max() >= 0.0:
+        return []
+    parameter = EffectParameter("force", "input", 0.3 * plant.size, 0.0)
+    made = []
+    for fraction in _ROUNDINGS[1:]:
+        slow = fraction * float(simulated.std())
+
+        def columns(flight: Flight, slow: float = slow) -> Columns:
+            if plant.response not in flight.measured:
+                return {}
+            speed = flight.simulated[plant.response]
+            return {plant.response: plant.response_to(-_dry(speed, speed, slow))[:, None]}
+
+        shape, units = {"rounding": fraction}, {"rounding": "of the response's rms"}
+        made.append(Variant((parameter,), columns, shape, units, f"dry friction of {plant.response}"))
     return made
 
 
