@@ -78,6 +78,17 @@ def test_six_axes_of_attas_hold_on_manoeuvres_left_out(attas):
     assert any("Prewhitening was dropped" in d for d in found["Cm"].doubts)
 
 
+def test_six_manoeuvres_of_attas_keep_pitch_damping_with_the_values_of_least_squares(attas):
+    # Without a constant of each manoeuvre, de*q_hat and q_hat^2 were kept in its place.
+    found = ss.select(attas, "Cm", ss.Candidates.polynomial(["alpha", "q_hat", "de"], 2), F_in="auto", bootstrap=0)
+    terms = [str(term) for term in found.terms]
+    assert set(terms) == {"alpha", "q_hat", "de"}
+    X = np.concatenate([np.column_stack([f[term] - f[term].mean() for term in terms]) for f in attas])
+    y = np.concatenate([f["Cm"] - f["Cm"].mean() for f in attas])
+    np.testing.assert_allclose(found.values[1:], np.linalg.lstsq(X, y, rcond=None)[0], rtol=1e-6)
+    assert found.held_out_r2 > 0.78
+
+
 def test_three_manoeuvres_of_attas_each_on_one_axis_give_the_classical_derivatives(attas):
     # The second and third repeat the first ones; published: Cm -1.02, -23.8, -1.42 for alpha, q_hat and de.
     pool = ss.Candidates.parse(["alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "alpha^2", "beta^2"])

@@ -12,7 +12,9 @@ with W earlier residuals of the other responses (a vector autoregression), and e
 instruments Z are base signals, and products of them, several samples earlier. Two-stage least squares replaces X by its
 prediction from 1, W and Z (all of them prewhitened alike)::
 
-    theta = (Xp'Xp)^-1 Xp'y,    covariance s2 (Xp'Xp)^-1,    s2 = |y - X theta - W b|^2 / dof
+    theta = (Xp'Xp)^-1 Xp'y,    covariance s2 F (Xp'Xp)^-1,    s2 = |y - X theta - W b|^2 / dof
+
+with Sargan's F where it is above one: the multiplicative random effects of many instruments.
 
 The regressors are exogenous where theta is also that of least squares. Durbin, Wu and Hausman test this: V = X - Xp has
 no effect in the regression of y on X, V and W.
@@ -21,7 +23,8 @@ Everything follows from cross-products of [1, X, Z, W, y], block by block, so th
 
 References
 ----------
-[SS83] instrumental variables for systems with feedback; [W10] ch. 5 and 6, two-stage least squares and the test.
+[SS83] instrumental variables for systems with feedback; [W10] ch. 5 and 6, two-stage least squares and the test;
+[B17] the variance where instruments are not all valid.
 """
 
 from __future__ import annotations
@@ -319,7 +322,9 @@ class PastFit:
         first = 1 if constants.size else 0
         rows = self._columns[first:]
         total, unit = self.products.total()[np.ix_(rows, rows)], self.products.scale[rows]
-        inverse = self._projection.inverse[first:, first:] / np.outer(unit, unit)
+        # Effects of the instruments themselves, random in all directions, enlarge the variance by Sargan's F [B17].
+        dispersion = max(1.0, self.test_instruments()[0])
+        inverse = self._projection.inverse[first:, first:] / np.outer(unit, unit) * dispersion
         root = np.sqrt(np.diag(total))
         condition = float(np.sqrt(np.linalg.cond(total / np.outer(root, root)))) if rows else 1.0
         values = self.theta

@@ -204,6 +204,9 @@ def use_past(data: EngineData, choices: list[Choice], shared: list[CrossProducts
                 pending.remove(r)
                 continue
             choices[r] = _eliminate(replace(choices[r], noise=models, past=past, prewhitening_dropped=None))
+            if past.test_instruments()[1] < SIGNIFICANCE:
+                # The residual is not that of the truth, and its noise model would change the estimates further.
+                pending.remove(r)
     return choices
 
 

@@ -90,7 +90,8 @@ def _about_the_search(found: ArraySelection, names: Sequence[str], options: Sele
     if found.instruments is not None and found.instruments[1] < INVALID:
         warnings.append(
             f"The instruments of the causal rows follow the residual (Sargan's F = {found.instruments[0]:.1f}): part "
-            "of the bias remains. Look for missing terms and delayed channels."
+            f"of the bias may remain, and standard errors are {np.sqrt(found.instruments[0]):.1f} times as large. Look "
+            "for missing terms and delayed channels."
         )
     if found.cluster_robust and found.n_blocks < FEW_BLOCKS:
         warnings.append(
