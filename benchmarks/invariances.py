@@ -100,7 +100,7 @@ def mirrored(problem: Problem) -> Problem:
         if key in table:
             x, y, z = table[key]
             table[key] = [x, -y, z]
-    for product in ("Ixy", "Iyz"):
+    for product in ("Ixy", "Iyz") if "inertia" in content else ():
         content["inertia"][product] = -content["inertia"].get(product, 0.0)
     content["engine"]["angular_momentum"] = -content["engine"]["angular_momentum"]
     return replace(turned, aircraft=ss.Aircraft.from_dict(content))

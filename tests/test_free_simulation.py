@@ -52,3 +52,26 @@ def test_derivatives_are_those_of_the_simulation_whichever_sample_it_holds(held)
             quiet[:-k] &= np.diff(own["de"], prepend=0.0)[k:] == 0.0
         assert_allclose(f.simulated["Cm"][quiet], expected[quiet], atol=0.004 * np.ptp(expected))
         assert np.std(f.difference["Cm"]) < 0.04 * np.std(expected)
+
+
+def halves(recording, jump=0.0):
+    """A recording in two parts, the second with another angle of attack."""
+    parts = []
+    for name, part in (("a", slice(0, N // 2)), ("b", slice(N // 2, N))):
+        channels = {c: recording[c][part] for c in recording.names}
+        moved = {"alpha": channels["alpha"] + jump * (name == "b")}
+        parts.append(Recording(recording.name + name, recording.t[part], {**channels, **moved}))
+    return parts
+
+
+def test_recordings_and_a_free_simulation_are_joined_unless_it_began_anew():
+    flights = [flown(k, "after") for k in range(3)]
+    complete = prepare({f.name: f for f in flights}, flights, AIRCRAFT, joined=True).flights
+    recorded = [part for f in flights for part in halves(f)]
+    joined = prepare({p.name: p for p in recorded}, recorded, AIRCRAFT, joined=True).flights
+    assert [f.name for f in joined] == ["m0a to m0b", "m1a to m1b", "m2a to m2b"]
+    for f, g in zip(complete, joined):
+        assert_allclose(f.simulated["Cm"], g.simulated["Cm"], atol=1e-12)
+    anew = [part for f in flights for part in halves(f, 0.02)]
+    apart = prepare({p.name: p for p in anew}, recorded, AIRCRAFT, joined=True).flights
+    assert [f.name for f in apart] == [p.name for p in recorded]

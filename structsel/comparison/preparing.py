@@ -63,7 +63,7 @@ def prepare(
     aircraft : Aircraft or None
     progress : callable, optional
     joined : bool
-        Whether recordings that continue each other are joined. Free simulations begin anew in each of them.
+        Whether recordings that continue each other are joined.
     apart : collection of str
         Names of recordings that stay as they are.
 
@@ -84,15 +84,17 @@ def prepare(
     aircraft = aircraft or _no_aircraft(recordings)
     simulation = open_simulation(source, recordings, aircraft)
     parts = JoinedRecordings(list(recordings), simulation.along)
-    if joined and simulation.form != "free":
-        parts = join_continued(recordings, simulation.along, apart)
+    if joined:
+        parts = join_continued(recordings, simulation.along or _own_channels(simulation, recordings), apart)
+        simulation = _with_flights(simulation, parts)
     recordings, remarks = parts.recordings, list(parts.remarks)
+    along = parts.simulated if simulation.along else {}
     tell = progress or (lambda what, done, of: None)
     wanted = _wanted(recordings[0], aircraft)
     flights: list[Flight] = []
     for r in recordings:
         nothing = {c: np.zeros(len(r)) for c in wanted}
-        flights.append(prepare_flight(r, aircraft, parts.simulated.get(r.name, nothing)))
+        flights.append(prepare_flight(r, aircraft, along.get(r.name, nothing)))
         tell("smoothing", len(flights), len(recordings))
     if simulation.form == "forced" and aircraft.simulation.states != "raw":
         flights = [replace(f, apart=True) for f in flights]
@@ -115,6 +117,27 @@ def prepare(
     common = set.intersection(*(set(f.measured) for f in flights)) - _unmeasured(flights)
     flights = [replace(f, measured={c: f.measured[c] for c in f.measured if c in common}) for f in flights]
     return PreparedComparison(tuple(flights), simulation, tuple(remarks), len(names) == 1)
+
+
+def _own_channels(simulation: OpenedSimulation, recordings: Sequence[Recording]) -> dict[str, dict[str, Array]]:
+    """Channels of a free simulation along the recordings; constants that differ where its clock is another one.
+
+    It is joined if it goes on as the recordings do. One that began anew in each of them does not.
+    """
+    if not simulation.flights:
+        return {}
+    flights = simulation.flights
+    if any(len(flights[r.name]) != len(r) or np.any(flights[r.name].t != r.t) for r in recordings):
+        return {r.name: {"number": np.full(len(r), float(k))} for k, r in enumerate(recordings)}
+    return {r.name: dict(flights[r.name].channels) for r in recordings}
+
+
+def _with_flights(simulation: OpenedSimulation, parts: JoinedRecordings) -> OpenedSimulation:
+    """The simulation, its own flights joined as the recordings are."""
+    if not simulation.flights or not parts.remarks:
+        return simulation
+    flights = {r.name: Recording(r.name, r.t, parts.simulated[r.name]) for r in parts.recordings}
+    return replace(simulation, flights=flights)
 
 
 def _stated_error(flight: Flight, stated: float) -> dict[str, float]:
