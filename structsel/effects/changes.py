@@ -67,8 +67,10 @@ class SoughtChange:
     @property
     def when(self) -> str:
         """Recordings and times, in words."""
-        back = "" if self.until is None else f" and back in {self.until[0]} at {self.until[1]:.1f} s"
-        return f"{self.flight} at {self.start:.1f} s{back}"
+        if self.until is None:
+            return f"{self.flight} at {self.start:.1f} s"
+        there = "" if self.until[0] == self.flight else f"in {self.until[0]} "
+        return f"{self.flight} at {self.start:.1f} s and back {there}at {self.until[1]:.1f} s"
 
 
 def ramp(t: Array, start: float | Array, duration: float) -> Array:
