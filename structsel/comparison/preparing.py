@@ -52,7 +52,7 @@ def prepare(
     progress: Progress | None = None,
     *,
     joined: bool = False,
-    apart: Collection[str] = (),
+    but_for: Collection[str] = (),
 ) -> PreparedComparison:
     """Bring recordings and a simulation together.
 
@@ -64,7 +64,7 @@ def prepare(
     progress : callable, optional
     joined : bool
         Whether recordings that continue each other are joined.
-    apart : collection of str
+    but_for : collection of str
         Names of recordings that stay as they are.
 
     Raises
@@ -85,7 +85,7 @@ def prepare(
     simulation = open_simulation(source, recordings, aircraft)
     parts = JoinedRecordings(list(recordings), simulation.along)
     if joined:
-        parts = join_continued(recordings, simulation.along or _own_channels(simulation, recordings), apart)
+        parts = join_continued(recordings, simulation.along or _own_channels(simulation, recordings), but_for)
         simulation = _with_flights(simulation, parts)
     recordings, remarks = parts.recordings, list(parts.remarks)
     along = parts.simulated if simulation.along else {}

@@ -99,7 +99,7 @@ def diagnose(
     require_simulation(simulation, call)
     if aircraft is not None:
         require_kind(aircraft, Aircraft, call)
-    prepared = prepare(simulation, recordings, aircraft, progress, joined=True, apart=held_out)
+    prepared = prepare(simulation, recordings, aircraft, progress, joined=True, but_for=held_out)
     found = conclude(prepared, set_up(prepared.flights, effects, held_out, progress), held_out, progress)
     return replace(found, seconds=time.perf_counter() - begun)
 
