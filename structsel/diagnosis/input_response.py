@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from structsel.diagnosis.weighing import EVIDENT, bounded, log_bayes, log_bayes_
 
 _CLEARLY = 3.0  # log Bayes factor by which another form must be better confirmed, to be judged instead
 _FORMS = 3  # of an effect, on different parts of the aircraft, that are tested
-_MUCH = 100.0  # unconfirmed log Bayes factor from which further forms are tested, if it exceeds every confirmed one
+_MUCH = 100.0  # unconfirmed log Bayes factor from which all forms are tested, if it exceeds the confirmed one
 _EXCITED = 0.3  # fraction of the variance of some channel of a motion that the inputs must explain
 _MOTIONS = (("alpha", "q"), ("beta", "p", "r"))
 _SIDEWAYS = frozenset({"CY", "Cl", "Cn", "k_beta", "k_phi", "k_psi"})
@@ -64,13 +64,10 @@ class InputDrivenMotion:
         asked = [s for s in scores if max(log_bayes(s), log_bayes_as_given(s)) >= EVIDENT and self._can_tell(s)]
         if not asked:
             return list(scores)
-        first = [(s, _likely(s)) for s in asked]
-        made = self._confirmed(problem, first)
-        most = max(map(log_bayes, made.values()))
-        if max(log_bayes(s) - log_bayes(made[s.effect]) for s in asked) > max(_MUCH, most):
-            # The response to the inputs only lowers evidence: no other form can exceed the most.
-            further = [(s, _with_more(s, tried, max(EVIDENT, most))) for s, tried in first]
-            made |= self._confirmed(problem, [two for one, two in zip(first, further) if one != two])
+        made = self._confirmed(problem, [(s, _likely(s)) for s in asked])
+        lost = max(log_bayes(s) - log_bayes(made[s.effect]) for s in asked)
+        if lost > max(_MUCH, *map(log_bayes, made.values())):
+            made = self._confirmed(problem, [(s, range(len(s.signatures))) for s in asked])
         known = {s.effect: s for s in with_unconfirmed_weight(problem, list(made.values()))}
         return [known.get(s.effect, s) for s in scores]
 
@@ -86,10 +83,8 @@ class InputDrivenMotion:
 
     def _confirmed(
         self, problem: DiagnosisProblem, asked: Sequence[tuple[EffectScore, Sequence[int]]]
-    ) -> dict[str, EffectScore]:
+    ) -> Mapping[str, EffectScore]:
         """Effects with the evidence of some of their forms there, each judged by the form that is confirmed best."""
-        if not asked:
-            return {}
         forms = self._again([s.signatures[k] for s, tried in asked for k in tried])
         found = self._again(problem.accepted)
         if self._start is None:
@@ -120,11 +115,6 @@ def _likely(score: EffectScore) -> list[int]:
     for k in order:
         first.setdefault(score.signatures[k].variant.about, k)
     return list(first.values())[:_FORMS]
-
-
-def _with_more(score: EffectScore, tried: list[int], least: float) -> list[int]:
-    """Forms that were tried, and all others with a larger log Bayes factor than the least."""
-    return [*tried, *(k for k, t in enumerate(score.trials) if t.log_bayes > least and k not in tried)]
 
 
 def _fraction(flights: Sequence[Flight], moved: Sequence[Flight], channel: str) -> float:
