@@ -35,14 +35,11 @@ class PreparedComparison:
     flights : tuple of Flight
     simulation : OpenedSimulation
     remarks : tuple of str
-    single : bool
-        Whether one recording was given.
     """
 
     flights: tuple[Flight, ...]
     simulation: OpenedSimulation
     remarks: tuple[str, ...]
-    single: bool
 
 
 def prepare(
@@ -63,7 +60,7 @@ def prepare(
     aircraft : Aircraft or None
     progress : callable, optional
     joined : bool
-        Whether recordings that continue each other are joined.
+        Whether recordings that continue each other are joined, where two at least remain.
     but_for : collection of str
         Names of recordings that stay as they are.
 
@@ -85,8 +82,9 @@ def prepare(
     simulation = open_simulation(source, recordings, aircraft)
     parts = JoinedRecordings(list(recordings), simulation.along)
     if joined:
-        parts = join_continued(recordings, simulation.along or _own_channels(simulation, recordings), but_for)
-        simulation = _with_flights(simulation, parts)
+        complete = join_continued(recordings, simulation.along or _own_channels(simulation, recordings), but_for)
+        if len(complete.recordings) > 1:  # one recording is predicted from another
+            parts, simulation = complete, _with_flights(simulation, complete)
     recordings, remarks = parts.recordings, list(parts.remarks)
     along = parts.simulated if simulation.along else {}
     tell = progress or (lambda what, done, of: None)
@@ -116,7 +114,7 @@ def prepare(
         flights = [replace(f, surrogate=stand_in) for f in flights]
     common = set.intersection(*(set(f.measured) for f in flights)) - _unmeasured(flights)
     flights = [replace(f, measured={c: f.measured[c] for c in f.measured if c in common}) for f in flights]
-    return PreparedComparison(tuple(flights), simulation, tuple(remarks), len(names) == 1)
+    return PreparedComparison(tuple(flights), simulation, tuple(remarks))
 
 
 def _own_channels(simulation: OpenedSimulation, recordings: Sequence[Recording]) -> dict[str, dict[str, Array]]:

@@ -134,7 +134,8 @@ def conclude(
     problem, library, turbulence = ready
     remarks = list(prepared.remarks)
     flights, responses = problem.flights, problem.judged_responses
-    if len(prepared.flights) == 1:
+    single = len(prepared.flights) == 1
+    if single:
         remarks.append(
             f"there is one manoeuvre only: it was divided into {len(flights)} parts, and each was predicted from the "
             "others. A second manoeuvre would show whether the findings hold in other conditions"
@@ -165,7 +166,7 @@ def conclude(
         if not findings:
             findings += detected(ranking, responses)
     verdict: Verdict = "mismatch" if findings else "consistent"
-    if prepared.single and findings:
+    if single and findings:
         verdict = "undecidable"
     if ranking.steps:
         turbulence = find_turbulence(flights, left)
