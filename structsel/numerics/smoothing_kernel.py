@@ -56,10 +56,8 @@ def forward_sweep(step, y, drive, L, LF, store, keep):
     with_turn = np.zeros((width, width + m))
     turn = with_turn[:, 2 * m :]
     carried = np.zeros((m, m + channels))
-    motion = np.zeros((m, 2 * m))
     rss = np.zeros(channels)
-    logdet, logs, even, scaled = 0.0, 0.0, 0.0, 0.0
-    of_step = 0.0  # minus log |det| of the factors of the step rows
+    logdet, logs, even = 0.0, 0.0, 0.0
     for k in range(n):
         last = k == n - 1
         there = not np.isnan(y[k, 0])
@@ -78,23 +76,18 @@ def forward_sweep(step, y, drive, L, LF, store, keep):
             if keep:
                 store[k] = rows[:m]
             continue
-        if not last and not abs(step[k] - scaled) < _EVEN * scaled:
-            scaled = step[k]
-            of_step = _step_rows(motion, scaled, drive, L, LF)
-        _fill(rows, carried, motion, last)
+        logs = _fill(rows, carried, step, k, drive, L, LF)
         rows[:m, 2 * m :] = carried[:, m:]
         if there:
             rows[m, 0] = 1.0
             rows[m, 2 * m :] = y[k]
         for j in range(m if last else 2 * m):
             _reflect(rows, j, m)
-        size = 1.0
         for i in range(m):
-            size *= abs(rows[i, i])
-        logs = np.log(size) + (0.0 if last else of_step)
+            logs += np.log(abs(rows[i, i]))
         even = step[k] if there and not last and _converged(rows[m : 2 * m, m : 2 * m], carried) else 0.0
         if even > 0.0:
-            _fill(with_turn, carried, motion, last)
+            _fill(with_turn, carried, step, k, drive, L, LF)
             with_turn[m, 0] = 1.0
             for i in range(m + 1):
                 turn[i, i] = 1.0
@@ -117,28 +110,21 @@ def forward_sweep(step, y, drive, L, LF, store, keep):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _step_rows(motion, h, drive, L, LF):
-    """Set the rows of a step of h seconds; minus log |det| of their factors."""
+def _fill(rows, carried, step, k, drive, L, LF):
+    """Fill in the carried rows and the step after sample k, if any; minus log |det| of the factors of the step rows."""
     m = L.shape[0]
-    logs = 0.0
-    for j in range(m):
-        # The covariance of a step h scales with h^(2m - 1 - i - j), so one factor serves all steps.
-        scale = 1.0 / (drive * h ** (m - 0.5 - j))
-        for i in range(m):
-            motion[i, j] = -LF[i, j] * scale
-            motion[i, m + j] = L[i, j] * scale
-        logs -= np.log(abs(L[j, j]) * scale)
-    return logs
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def _fill(rows, carried, motion, last):
-    """Fill in the carried rows and those of the step after a sample, if it is not the last one."""
-    m = motion.shape[0]
     rows[:] = 0.0
     rows[:m, :m] = carried[:, :m]
-    if not last:
-        rows[m + 1 :, : 2 * m] = motion
+    logs = 0.0
+    if k < step.size:
+        for j in range(m):
+            # The covariance of a step h scales with h^(2m - 1 - i - j), so one factor serves all steps.
+            scale = 1.0 / (drive * step[k] ** (m - 0.5 - j))
+            for i in range(m):
+                rows[m + 1 + i, j] = -LF[i, j] * scale
+                rows[m + 1 + i, m + j] = L[i, j] * scale
+            logs -= np.log(abs(L[j, j]) * scale)
+    return logs
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
