@@ -219,8 +219,7 @@ def _is_at_once(flights: Flights, response: str, channels: Iterable[str]) -> boo
     """Whether a simulated response is a linear function of channels at the same time, without dynamics of its own."""
     X = np.column_stack([centred(f.raw[c] for f in flights) for c in channels if c])
     y = centred(f.simulated[response] for f in flights)
-    left = y - X / _rms_of(X) @ scipy.linalg.lstsq(X / _rms_of(X), y)[0]
-    return float(left @ left) < (1.0 - _NEEDED) * float(y @ y)
+    return _regression(X, y)[1] > _NEEDED
 
 
 def _input_of(flights: Flights, response: str, channels: Iterable[str]) -> tuple[float, str, Array, Array]:
@@ -285,11 +284,17 @@ def _needed(flights: Flights, response: str, along: tuple[str, str]) -> tuple[fl
     parts = [centred(f.rate(f.channels[speed]) for f in flights), centred(f.channels[speed] for f in flights)]
     X = np.column_stack([*parts, *([centred(f.channels[place] for f in flights)] if place else [])])
     y = centred(f.simulated[response] for f in flights)
-    values = scipy.linalg.lstsq(X / _rms_of(X), y)[0]
-    left = y - X / _rms_of(X) @ values
+    values, r2 = _regression(X, y)
     by = values[0] if abs(values[0]) > _INERTIA * _rms(y) else values[1]
-    r2 = 1.0 - float(left @ left) / max(float(y @ y), 1e-300)
     return r2, 1.0 if by >= 0.0 else -1.0
+
+
+def _regression(X: Array, y: Array) -> tuple[Array, float]:
+    """Coefficients of centred columns, each of rms one, and the R2."""
+    unit = X / _rms_of(X)
+    values = scipy.linalg.lstsq(unit, y)[0]
+    left = y - unit @ values
+    return values, 1.0 - float(left @ left) / max(float(y @ y), 1e-300)
 
 
 def _rms_of(X: Array) -> Array:

@@ -11,7 +11,7 @@ from structsel.aircraft import Aircraft
 from structsel.comparison.checking import check_alike, check_recorded
 from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
 from structsel.comparison.free_simulation import along_recordings
-from structsel.comparison.sequences import JoinedRecordings, join_continued, sequences
+from structsel.comparison.sequences import join_continued, sequences
 from structsel.comparison.simulations import OpenedSimulation, open_simulation
 from structsel.comparison.surrogate import find_surrogate
 from structsel.errors import DataError
@@ -80,19 +80,15 @@ def prepare(
     warn_of_entry_errors(recordings, stacklevel=4)
     aircraft = aircraft or _no_aircraft(recordings)
     simulation = open_simulation(source, recordings, aircraft)
-    parts = JoinedRecordings(list(recordings), simulation.along)
+    remarks: list[str] = []
     if joined:
-        complete = join_continued(recordings, simulation.along or _own_channels(simulation, recordings), but_for)
-        if len(complete.recordings) > 1:  # one recording is predicted from another
-            parts, simulation = complete, _with_flights(simulation, complete)
-    recordings, remarks = parts.recordings, list(parts.remarks)
-    along = parts.simulated if simulation.along else {}
+        recordings, simulation, remarks = _joined(recordings, simulation, but_for)
     tell = progress or (lambda what, done, of: None)
     wanted = _wanted(recordings[0], aircraft)
     flights: list[Flight] = []
     for r in recordings:
         nothing = {c: np.zeros(len(r)) for c in wanted}
-        flights.append(prepare_flight(r, aircraft, along.get(r.name, nothing)))
+        flights.append(prepare_flight(r, aircraft, simulation.along.get(r.name, nothing)))
         tell("smoothing", len(flights), len(recordings))
     if simulation.form == "forced" and aircraft.simulation.states != "raw":
         flights = [replace(f, apart=True) for f in flights]
@@ -117,25 +113,26 @@ def prepare(
     return PreparedComparison(tuple(flights), simulation, tuple(remarks))
 
 
-def _own_channels(simulation: OpenedSimulation, recordings: Sequence[Recording]) -> dict[str, dict[str, Array]]:
-    """Channels of a free simulation along the recordings; constants that differ where its clock is another one.
+def _joined(
+    recordings: Sequence[Recording], simulation: OpenedSimulation, but_for: Collection[str]
+) -> tuple[Sequence[Recording], OpenedSimulation, list[str]]:
+    """Recordings, the simulation along them and remarks, where two recordings at least remain.
 
-    It is joined if it goes on as the recordings do. One that began anew in each of them does not.
+    A free simulation is joined if its own flights have the clock of the recordings and go on as these do. One that
+    began anew in each of them does not.
     """
-    if not simulation.flights:
-        return {}
-    flights = simulation.flights
-    if any(len(flights[r.name]) != len(r) or np.any(flights[r.name].t != r.t) for r in recordings):
-        return {r.name: {"number": np.full(len(r), float(k))} for k, r in enumerate(recordings)}
-    return {r.name: dict(flights[r.name].channels) for r in recordings}
-
-
-def _with_flights(simulation: OpenedSimulation, parts: JoinedRecordings) -> OpenedSimulation:
-    """The simulation, its own flights joined as the recordings are."""
-    if not simulation.flights or not parts.remarks:
-        return simulation
-    flights = {r.name: Recording(r.name, r.t, parts.simulated[r.name]) for r in parts.recordings}
-    return replace(simulation, flights=flights)
+    own = simulation.flights
+    if own and not all(np.array_equal(own[r.name].t, r.t) for r in recordings):
+        return recordings, simulation, []
+    made = join_continued(recordings, {n: f.channels for n, f in own.items()} or simulation.along, but_for)
+    if len(made.recordings) in (1, len(recordings)):  # one recording is predicted from another
+        return recordings, simulation, []
+    if own:
+        flights = {r.name: Recording(r.name, r.t, made.simulated[r.name]) for r in made.recordings}
+        simulation = replace(simulation, flights=flights)
+    else:
+        simulation = replace(simulation, along=made.simulated)
+    return made.recordings, simulation, list(made.remarks)
 
 
 def _stated_error(flight: Flight, stated: float) -> dict[str, float]:

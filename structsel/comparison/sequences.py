@@ -115,7 +115,7 @@ def join_continued(
         channels = {c: np.concatenate([part[c][k:] for part, k in zip(chain, starts)]) for c in shared}
         t = np.concatenate([part.t[k:] for part, k in zip(chain, starts)])
         at_cg = frozenset.intersection(*(part.at_cg for part in chain))
-        made.append(Recording(name, t, channels, r.units, r.provenance, at_cg=at_cg).check())
+        made.append(Recording(name, t, channels, r.units, r.provenance, at_cg=at_cg))
         parts = [along.pop(part.name, {}) for part in chain]
         if parts[0]:
             along[name] = {c: np.concatenate([x[c][k:] for x, k in zip(parts, starts)]) for c in parts[0]}

@@ -8,7 +8,6 @@ import numpy as np
 import scipy
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.plant import answers
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.moving_air import OVER_GROUND, Added, blown, channels_in_wind, frames
 from structsel.effects.operators import more_and_more, pulse, pulses, shape_of, shared_pulses, spaced
@@ -81,20 +80,18 @@ def _taken_along(flights: Flights, level: tuple[EffectParameter, ...]) -> list[V
 
     They begin as recorded. Where airspeed is recorded, they follow from it, and have the wind at once.
     """
-    moved = [c for c in OVER_GROUND[:2] if c in answers(flights)]
+    moved = {c: added for c, added in channels_in_wind(flights).items() if c in OVER_GROUND[:2]}
     if not moved or any("V" in f.recorded for f in flights):
         return []
     made = []
     for tau in spaced(*_TAKEN_ALONG):
 
-        def columns(flight: Flight, tau: float = tau) -> Columns:
+        def winds(flight: Flight, tau: float = tau) -> list[Array]:
             taken = 1.0 - np.exp(-(flight.t - flight.t[0]) / tau)
-            nothing = np.zeros(len(flight))
-            each = {c: [taken if c == axis else nothing for axis in OVER_GROUND[:2]] for c in moved}
-            return {c: np.column_stack(x) for c, x in each.items() if c in flight.measured}
+            return [_along(i, taken) for i in range(2)]
 
-        shape = {"time constant": tau}
-        made.append(Variant(level, columns, shape, {"time constant": "s"}, "over the ground, taken along by drag"))
+        shape, units = {"time constant": tau}, {"time constant": "s"}
+        made.append(Variant(level, blown(winds, moved), shape, units, "over the ground, taken along by drag"))
     return made
 
 

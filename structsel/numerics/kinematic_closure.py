@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+import scipy
 
 from structsel.numerics.air_data import body_velocity, cross
 from structsel.numerics.arrays import Array
@@ -50,8 +51,7 @@ Windowed = Callable[[int], Array]
 def window_means(t: Array, values: Array) -> Windowed:
     """Means of a signal by the trapezoidal rule; NaN where a sample of the window is not finite."""
     finite = np.isfinite(values)
-    there = np.where(finite, values, 0.0)
-    integral = np.concatenate(([0.0], np.cumsum(np.diff(t) * (there[1:] + there[:-1]) / 2.0)))
+    integral = scipy.integrate.cumulative_trapezoid(np.where(finite, values, 0.0), t, initial=0.0)
     missing = np.concatenate(([0], np.cumsum(~finite)))
 
     def means(samples: int) -> Array:
