@@ -93,7 +93,8 @@ def prepare(
     if simulation.form == "forced" and aircraft.simulation.states != "raw":
         flights = [replace(f, apart=True) for f in flights]
     elif simulation.form == "free":
-        flights, remarks = along_recordings(flights, simulation, aircraft, recordings)
+        flights, noticed = along_recordings(flights, simulation, aircraft, recordings)
+        remarks += noticed
     elif simulation.evaluate is not None:
         flights = [_ask(f, simulation, r) for f, r in zip(flights, recordings)]
     shared = [c for c in flights[0].simulated if all(c in f.simulated for f in flights)]
