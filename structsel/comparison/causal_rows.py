@@ -29,6 +29,7 @@ from structsel.comparison.past_motion import (
     referred,
     with_motion_delayed,
 )
+from structsel.comparison.prediction_filter import Filter
 from structsel.comparison.sensitivity import asked_wrongly
 from structsel.comparison.tolerances import WITHIN_SAMPLE, Nuisance, biases_of, tolerances_of
 from structsel.nomenclature import COEFFICIENTS
@@ -36,49 +37,6 @@ from structsel.numerics.arrays import Array
 
 _ORDER_SPAN = 1.0  # s of its own past, that a difference is predicted from
 _FEWEST, _LARGEST = 12, 40  # samples of the same
-_BLOCK = 64  # rows that are filtered together
-_RIDGE = 1e-9  # of the mean square of a residual: precision of the coefficients of the autoregression
-_DEGREES = 8.0  # of freedom, of the prior of the variances of single flights about their common value
-
-
-@dataclass(frozen=True, eq=False)
-class Filter:
-    """Prediction of one response from past residuals.
-
-    Attributes
-    ----------
-    own : (p,) array
-        Coefficients of its past.
-    variance : (flights,) array
-        Of the prediction errors of each flight.
-    common : float
-        About which the variances of the flights are distributed.
-    """
-
-    own: Array
-    variance: Array
-    common: float
-
-    def __call__(self, x: Array) -> Array:
-        """Columns (n, k) or (n,) less what their own past predicts, from sample p on."""
-        columns = np.ascontiguousarray(x if x.ndim == 2 else x[:, None])
-        p, rows = len(self.own), len(x) - len(self.own)
-        # Blocks of rows are multiplied by a band matrix, which is several times faster than a filter along each column.
-        one = np.pad(np.append(-self.own[::-1], 1.0), _BLOCK - 1)
-        band = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(one, _BLOCK + p)[::-1])
-        made = np.empty((rows, columns.shape[1]))
-        for first in range(0, rows, _BLOCK):
-            some = min(_BLOCK, rows - first)
-            np.matmul(band[:some, : some + p], columns[first : first + some + p], out=made[first : first + some])
-        return made if x.ndim == 2 else made[:, 0]
-
-    def white(self, columns: Array, i: int) -> Array:
-        """White rows of flight i."""
-        return np.asarray(self(columns) / np.sqrt(self.variance[i]))
-
-    def products(self, columns: Sequence[Array]) -> list[Array]:
-        """Products of the white rows of each flight, from its columns (n, k)."""
-        return [W.T @ W / variance for W, variance in zip(map(self, columns), self.variance)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +106,7 @@ class CausalRows:
         left = {(c, i): y - y.mean() for (c, i), y in self.y.items()}
         columns = {c: self.columns(c) for c in self.responses}
         for turn in range(rounds + 1):
-            filters = {c: self._filter([left[c, i] for i in range(len(self.flights))]) for c in self.responses}
+            filters = {c: Filter.of([left[c, i] for i in range(len(self.flights))], self.order) for c in self.responses}
             products = {c: filters[c].products(columns[c]) for c in self.responses}
             A, b, power = np.zeros((self.q, self.q)), np.zeros(self.q), {}
             for c in self.responses:
@@ -163,7 +121,7 @@ class CausalRows:
             mean = scipy.linalg.solve_triangular(lower, half, lower=True, trans="T")
             if turn < rounds:
                 left = {(c, i): y - self.X[c, i] @ mean[self.place[c, i]] for (c, i), y in self.y.items()}
-        density = {c: self._density(filters[c]) for c in self.responses}
+        density = {c: filters[c].log_density(self.rows) for c in self.responses}
         log = -0.5 * (sum(power.values()) - float(half @ half)) - float(np.log(np.diag(lower)).sum())
         covariance = scipy.linalg.cho_solve((lower, True), np.eye(self.q))
         return Null(log + sum(density.values()), filters, products, mean, covariance, A, b, power, density)
@@ -172,36 +130,6 @@ class CausalRows:
         """Tolerances and biases of each flight, the difference, and further columns."""
         made = [np.hstack([self.X[response, i], self.y[response, i][:, None]]) for i in range(len(self.flights))]
         return made if more is None else [np.hstack(pair) for pair in zip(made, more)]
-
-    def _filter(self, left: Sequence[Array]) -> Filter:
-        """Autoregression of residuals by least squares over all flights, and the variances that it leaves."""
-        p = self.order
-        past = [np.column_stack([x[p - k : len(x) - k] for k in range(1, p + 1)]) for x in left]
-        products, with_y = [x.T @ x for x in past], [x.T @ y[p:] for x, y in zip(past, left)]
-        own, common = np.zeros(p), 1.0
-        variance: Array = np.ones(len(left))
-        for _ in range(2):
-            M = sum(G / w for G, w in zip(products, variance))
-            v = sum(b / w for b, w in zip(with_y, variance))
-            own = np.linalg.solve(M + max(_RIDGE * float(np.trace(M)) / p, 1e-30) * np.eye(p), v)
-            squares = np.array([float(np.sum((y[p:] - x @ own) ** 2)) + 1e-30 for x, y in zip(past, left)])
-            variance, common = self._variances(squares)
-        return Filter(own, variance, common)
-
-    def _variances(self, squares: Array) -> tuple[Array, float]:
-        """Most probable variance of each flight, and the value that they have in common."""
-        common = float(np.exp(np.mean(np.log(squares / self.rows))))
-        variance = squares / self.rows
-        for _ in range(20):
-            variance = (_DEGREES * common + squares) / (_DEGREES + self.rows)
-            common = float(1.0 / np.mean(1.0 / variance))
-        return variance, common
-
-    def _density(self, one: Filter) -> float:
-        """Log prior density of the variances, and the constants of the likelihood."""
-        k = 0.5 * _DEGREES
-        each = k * np.log(k * one.common) - (k + 0.5 * self.rows) * np.log(one.variance) - k * one.common / one.variance
-        return float(each.sum())
 
     def remainder(self, null: Null, response: str, F: Sequence[Array], sizes: Array, rounds: int = 3) -> Remainder:
         """Evidence of further columns in one response, of unknown size; the noise is found anew with them.
@@ -248,7 +176,7 @@ class CausalRows:
             size = float(sizes[j])
             u = Q @ (size**2 * zq / (1.0 + size**2 * values))
             log = -0.5 * (others + power - float(half @ half)) - float(np.log(np.diag(lower)).sum())
-            log += float(np.logaddexp.reduce(each) - np.log(len(sizes))) + self._density(noise) + density
+            log += float(np.logaddexp.reduce(each) - np.log(len(sizes))) + noise.log_density(self.rows) + density
             if log - null.log_evidence > best.log_bayes:
                 best = Remainder(log - null.log_evidence, size, u)
             if turn < rounds:
@@ -257,7 +185,7 @@ class CausalRows:
                     self.y[response, i] - self.X[response, i] @ mean[self.place[response, i]] - F[i] @ u
                     for i in range(len(self.flights))
                 ]
-                noise = self._filter(left)
+                noise = Filter.of(left, self.order)
         return best
 
     def single(self, null: Null, response: str, columns: Mapping[int, Array], sizes: Array) -> Array:
