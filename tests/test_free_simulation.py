@@ -66,14 +66,14 @@ def halves(recording, jump=0.0):
 
 def test_recordings_and_a_free_simulation_are_joined_unless_it_began_anew():
     flights = [flown(k, "after") for k in range(3)]
-    complete = prepare({f.name: f for f in flights}, flights, AIRCRAFT, joined=True).flights
+    complete = prepare({f.name: f for f in flights}, flights, AIRCRAFT, aligned=True).flights
     recorded = [part for f in flights for part in halves(f)]
-    prepared = prepare({p.name: p for p in recorded}, recorded, AIRCRAFT, joined=True)
+    prepared = prepare({p.name: p for p in recorded}, recorded, AIRCRAFT, aligned=True)
     joined = prepared.flights
     assert sum("were taken as one" in remark for remark in prepared.remarks) == 3
     assert [f.name for f in joined] == ["m0a to m0b", "m1a to m1b", "m2a to m2b"]
     for f, g in zip(complete, joined):
         assert_allclose(f.simulated["Cm"], g.simulated["Cm"], atol=1e-12)
     anew = [part for f in flights for part in halves(f, 0.02)]
-    apart = prepare({p.name: p for p in anew}, recorded, AIRCRAFT, joined=True).flights
+    apart = prepare({p.name: p for p in anew}, recorded, AIRCRAFT, aligned=True).flights
     assert [f.name for f in apart] == [p.name for p in recorded]

@@ -63,6 +63,8 @@ class Flight:
     fit_error : mapping of response to float
         Of a model that was identified from recordings: the same of its residual there, without white noise. What the
         recordings contain and the model lacks is part of it.
+    integrated : mapping of channel to (n,) array
+        Changes of V, alpha and beta at the centre of gravity since the first sample, from accelerometers and gyros.
     sequence : str
         Name of the first recording of the flight, where it was cut into several; else empty.
     """
@@ -82,6 +84,7 @@ class Flight:
     apart: bool = False
     form_error: Mapping[str, float] = field(default_factory=dict)
     fit_error: Mapping[str, float] = field(default_factory=dict)
+    integrated: Mapping[str, Array] = field(default_factory=dict, repr=False)
     sequence: str = ""
 
     def __len__(self) -> int:
@@ -204,6 +207,7 @@ class Flight:
         return replace(
             self, name=name, t=self.t[first:last], channels=cut(self.channels), raw=cut(self.raw),
             measured=cut(self.measured), simulated=cut(self.simulated), air=cut(self.air),
+            integrated=cut(self.integrated),
         )  # fmt: skip
 
     def slope(self, response: str, channel: str) -> Array:
@@ -253,9 +257,10 @@ def prepare_flight(recording: Recording, aircraft: Aircraft, simulated: Mapping[
     smooth = smooth_channels(raw, t)
     air: dict[str, Array] = {}
     inertial: frozenset[str] = frozenset()
+    integrated: dict[str, Array] = {}
     if {"V", "alpha", "ax", "az"} <= set(raw):
         _complete(smooth, raw, aircraft, recording.name)
-        air, inertial = inertial_channels(smooth, raw, aircraft, t)
+        air, inertial, integrated = inertial_channels(smooth, raw, aircraft, t)
     elif aerodynamic:
         recording.require("V", "alpha", "ax", "az", by="compare")
     measured: dict[str, Array] = {}
@@ -273,8 +278,10 @@ def prepare_flight(recording: Recording, aircraft: Aircraft, simulated: Mapping[
         if name not in COEFFICIENTS:
             measured[name] = recording[name]
     kept = {name: np.asarray(simulated[name], dtype=float) for name in simulated if name in measured}
-    present = frozenset(raw)
-    return Flight(recording.name, t, dt, aircraft, smooth, raw, measured, kept, present, inertial=inertial, air=air)
+    return Flight(
+        recording.name, t, dt, aircraft, smooth, raw, measured, kept, frozenset(raw), inertial=inertial, air=air,
+        integrated=integrated,
+    )  # fmt: skip
 
 
 def _can(name: str, raw: Mapping[str, Array], aircraft: Aircraft) -> bool:

@@ -41,7 +41,7 @@ def smooth_channels(channels: Mapping[str, Array], t: Array) -> dict[str, Array]
 
 def inertial_channels(
     smooth: dict[str, Array], raw: Mapping[str, Array], aircraft: Aircraft, t: Array
-) -> tuple[dict[str, Array], frozenset[str]]:
+) -> tuple[dict[str, Array], frozenset[str], dict[str, Array]]:
     """Air data and attitude predicted by accelerometers and gyros, plus the slow part of their error.
 
     A reading minus its prediction is noise, moving air and slow drifts. Only the drifts are kept: noise and gusts would
@@ -53,6 +53,8 @@ def inertial_channels(
         V, alpha and beta with the smoothed rest: the air that the aircraft met.
     inertial : frozenset of str
         Channels with drifts only.
+    ahead : dict of channel to (n,) array
+        Predicted changes since the first sample, of V, alpha and beta at the centre of gravity.
     """
     ch = {**smooth, **raw}
     rates = (ch["p"], ch["q"], ch["r"])
@@ -79,7 +81,7 @@ def inertial_channels(
     carried = [air_data_at_sensor(x["V"], x["alpha"], x["beta"], *still, place) for x in (with_gusts, made)]
     smooth.update(zip(air_data, carried[1]))
     smooth.update({c: made[c] for c in ("phi", "theta", "psi")})
-    return dict(zip(air_data, carried[0])), frozenset(inertial)
+    return dict(zip(air_data, carried[0])), frozenset(inertial), {c: x for c, x in ahead.items() if c in air_data}
 
 
 def _drift(x: Array, t: Array) -> Array:

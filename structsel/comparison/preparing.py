@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structsel.aircraft import Aircraft
+from structsel.comparison.aligning import Alignment, align
 from structsel.comparison.checking import check_alike, check_recorded
 from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
+from structsel.comparison.flow_angle_delays import FlowAngleDelay
 from structsel.comparison.free_simulation import along_recordings
 from structsel.comparison.sequences import join_continued, sequences
 from structsel.comparison.simulations import OpenedSimulation, open_simulation
@@ -35,11 +37,17 @@ class PreparedComparison:
     flights : tuple of Flight
     simulation : OpenedSimulation
     remarks : tuple of str
+    delays : tuple of FlowAngleDelay
+        Those that were removed from the recordings.
+    as_recorded : tuple of Flight
+        The flights before; empty if no delay was removed.
     """
 
     flights: tuple[Flight, ...]
     simulation: OpenedSimulation
     remarks: tuple[str, ...]
+    delays: tuple[FlowAngleDelay, ...] = ()
+    as_recorded: tuple[Flight, ...] = ()
 
 
 def prepare(
@@ -48,7 +56,7 @@ def prepare(
     aircraft: Aircraft | None,
     progress: Progress | None = None,
     *,
-    joined: bool = False,
+    aligned: bool = False,
     but_for: Collection[str] = (),
 ) -> PreparedComparison:
     """Bring recordings and a simulation together.
@@ -59,10 +67,11 @@ def prepare(
     recordings : sequence of Recording
     aircraft : Aircraft or None
     progress : callable, optional
-    joined : bool
-        Whether recordings that continue each other are joined, where two at least remain.
+    aligned : bool
+        Whether recordings that continue each other are joined, where two at least remain, and delays of the flow
+        angles are removed.
     but_for : collection of str
-        Names of recordings that stay as they are.
+        Names of recordings that are not joined.
 
     Raises
     ------
@@ -81,9 +90,26 @@ def prepare(
     aircraft = aircraft or _no_aircraft(recordings)
     simulation = open_simulation(source, recordings, aircraft)
     remarks: list[str] = []
-    if joined:
+    if aligned:
         recordings, simulation, remarks = _joined(recordings, simulation, but_for)
     tell = progress or (lambda what, done, of: None)
+    asked = aircraft
+
+    def compare(recorded: Sequence[Recording], along: OpenedSimulation) -> tuple[list[Flight], list[str]]:
+        return _flown(recorded, along, asked, tell)
+
+    made = compare(recordings, simulation)
+    found = align(made, recordings, simulation, compare) if aligned else Alignment(made[0], remarks=tuple(made[1]))
+    return PreparedComparison(
+        tuple(found.flights), simulation, (*remarks, *found.remarks), found.delays, tuple(found.before)
+    )
+
+
+def _flown(
+    recordings: Sequence[Recording], simulation: OpenedSimulation, aircraft: Aircraft, tell: Progress
+) -> tuple[list[Flight], list[str]]:
+    """Flights with the simulation along them, and remarks."""
+    remarks: list[str] = []
     wanted = _wanted(recordings[0], aircraft)
     flights: list[Flight] = []
     for r in recordings:
@@ -93,8 +119,7 @@ def prepare(
     if simulation.form == "forced" and aircraft.simulation.states != "raw":
         flights = [replace(f, apart=True) for f in flights]
     elif simulation.form == "free":
-        flights, noticed = along_recordings(flights, simulation, aircraft, recordings)
-        remarks += noticed
+        flights, remarks = along_recordings(flights, simulation, aircraft, recordings)
     elif simulation.evaluate is not None:
         flights = [_ask(f, simulation, r) for f, r in zip(flights, recordings)]
     shared = [c for c in flights[0].simulated if all(c in f.simulated for f in flights)]
@@ -110,8 +135,7 @@ def prepare(
         stand_in = find_surrogate(flights, [c for c in shared if c in COEFFICIENTS])
         flights = [replace(f, surrogate=stand_in) for f in flights]
     common = set.intersection(*(set(f.measured) for f in flights)) - _unmeasured(flights)
-    flights = [replace(f, measured={c: f.measured[c] for c in f.measured if c in common}) for f in flights]
-    return PreparedComparison(tuple(flights), simulation, tuple(remarks))
+    return [replace(f, measured={c: f.measured[c] for c in f.measured if c in common}) for f in flights], remarks
 
 
 def _joined(

@@ -181,7 +181,7 @@ def comparison(
 
     effects = but_without(effects, without_effects)
     with threadpool_limits(1):
-        flights = prepare(simulation, recordings, aircraft, progress, joined=True).flights
+        flights = prepare(simulation, recordings, aircraft, progress, aligned=True).flights
     return EffectComparison(
         tuple(flights[0].responses),
         {f.name: f.t for f in flights},

@@ -26,6 +26,7 @@ from structsel.diagnosis.material import find_material
 from structsel.diagnosis.notes import notes
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking, rank
+from structsel.diagnosis.removed_delays import removed_delays
 from structsel.diagnosis.residuals import residuals
 from structsel.diagnosis.result import Diagnosis, ToleranceDeviation, Verdict
 from structsel.diagnosis.scoring import EffectScore
@@ -99,7 +100,7 @@ def diagnose(
     require_simulation(simulation, call)
     if aircraft is not None:
         require_kind(aircraft, Aircraft, call)
-    prepared = prepare(simulation, recordings, aircraft, progress, joined=True, but_for=held_out)
+    prepared = prepare(simulation, recordings, aircraft, progress, aligned=True, but_for=held_out)
     found = conclude(prepared, set_up(prepared.flights, effects, held_out, progress), held_out, progress)
     return replace(found, seconds=time.perf_counter() - begun)
 
@@ -165,6 +166,7 @@ def conclude(
         findings += find_unknown(ranking, left, responses, ceiling)
         if not findings:
             findings += detected(ranking, responses)
+    findings = [*removed_delays(prepared, responses), *findings]
     verdict: Verdict = "mismatch" if findings else "consistent"
     if single and findings:
         verdict = "undecidable"

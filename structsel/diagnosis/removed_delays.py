@@ -1,0 +1,55 @@
+"""Finding of flow angles that were delayed, and whose delay was removed before the search for effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.flow_angle_delays import FlowAngleDelay
+from structsel.comparison.preparing import PreparedComparison
+from structsel.diagnosis import judging
+from structsel.diagnosis.result import Bars, EffectFinding, Physics
+from structsel.effects.base import ParameterEstimate
+from structsel.effects.wording import INSTRUMENTS
+from structsel.formatting import as_sentence, join_names
+
+_SHOWN = 0.01  # fraction by which the rms of the differences of a listed response decreases
+
+
+def removed_delays(prepared: PreparedComparison, responses: Sequence[str]) -> list[EffectFinding]:
+    """The delays that were removed, as one finding; empty if there are none or the simulation fits as well with them.
+
+    Parameters
+    ----------
+    prepared : PreparedComparison
+    responses : sequence of str
+        Responses by which effects are judged.
+    """
+    if not prepared.delays:
+        return []
+    before, after = _differences(prepared.as_recorded, responses), _differences(prepared.flights, responses)
+    gained = judging.gains(before, after, responses)
+    axes = tuple(sorted((c for c, x in gained.items() if x > _SHOWN), key=lambda c: -gained[c]))
+    if not axes:
+        return []
+    measured = [{c: f.measured[c] - f.measured[c].mean() for c in axes} for f in prepared.flights]
+    fits = [judging.fit(measured, left, axes) for left in (before, after)]
+    bars = {c: Bars(fits[0][c], fits[0][c], fits[1][c]) for c in axes if c in fits[0]}
+    explained = judging.explained(before, after, axes)
+    each = join_names([_says(one) for one in prepared.delays])
+    physics = Physics(
+        "sensor-delay",
+        max(one.probability for one in prepared.delays),
+        as_sentence(f"{each}, by accelerometers and gyros; the delay was removed before the other effects were sought"),
+        {f"delay of {one.channel}": ParameterEstimate(one.delay, one.std, "s") for one in prepared.delays},
+    )
+    return [EffectFinding(axes, "sensor", (physics,), {}, {}, (), "", bars, explained, explained, explained)]
+
+
+def _says(one: FlowAngleDelay) -> str:
+    return f"{INSTRUMENTS[one.channel]} is delayed by {one.delay:.3g} +- {one.std:.1g} s"
+
+
+def _differences(flights: Sequence[Flight], responses: Sequence[str]) -> judging.Residuals:
+    """Differences without the constant part."""
+    return [{c: f.difference[c] - f.difference[c].mean() for c in responses} for f in flights]

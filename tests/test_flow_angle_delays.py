@@ -1,0 +1,116 @@
+"""Delays of the flow angles are found from accelerometers and gyros, and removed before effects are sought."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import structsel as ss
+from structsel.comparison.flight import Flight, prepare_flight
+from structsel.comparison.flow_angle_delays import find_flow_angle_delays
+from structsel.comparison.preparing import prepare
+from structsel.demo import demo_flights, demo_missing_physics
+from structsel.recording import Recording
+from tests.benchmark_modules import load_benchmark
+from tests.models import DEMO
+
+DATA = Path(__file__).parents[2] / "shared" / "data"
+DELAY = 0.2  # s
+
+
+def late(recording: Recording, delay: float, *angles: str) -> Recording:
+    """Angles read later."""
+    changed = {c: np.interp(recording.t - delay, recording.t, recording[c]) for c in angles}
+    return replace(recording, channels={**recording.channels, **changed}, findings=())
+
+
+def flown(recordings: list[Recording], aircraft: ss.Aircraft) -> list[Flight]:
+    return [prepare_flight(r, aircraft, {"CZ": np.zeros(len(r))}) for r in recordings]
+
+
+@pytest.fixture(scope="module")
+def calm() -> tuple[list[Recording], ss.Aircraft]:
+    recordings, aircraft, _ = demo_flights(4, 5, turbulence=0.0)
+    return recordings, aircraft
+
+
+@pytest.mark.parametrize("delay", [0.1, DELAY, -0.1])
+def test_a_delay_of_both_vanes_is_found_within_a_hundredth_of_a_second(calm, delay):
+    recordings, aircraft = calm
+    found = find_flow_angle_delays(flown([late(r, delay, "alpha", "beta") for r in recordings], aircraft))
+    assert {d.channel for d in found} == {"alpha", "beta"}
+    assert all(d.probability > 0.95 for d in found)
+    assert all(abs(d.delay - delay) < 0.01 for d in found)
+
+
+def test_the_delay_of_one_vane_is_not_one_of_the_other(calm):
+    recordings, aircraft = calm
+    found = find_flow_angle_delays(flown([late(r, DELAY, "alpha") for r in recordings], aircraft))
+    assert [d.channel for d in found if d.probability > 0.5] == ["alpha"]
+
+
+def test_without_a_delay_none_is_probable(calm):
+    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(*calm)))
+
+
+@pytest.mark.parametrize("turbulence", [1.0, 3.0])
+def test_gusts_that_show_before_the_motion_are_no_delay(turbulence):
+    recordings, aircraft, _ = demo_flights(4, 6, turbulence=turbulence)
+    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(recordings, aircraft)))
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_vane_that_stands_elsewhere_is_no_delay(calm, stated):
+    recordings, aircraft = calm
+    content = aircraft.to_dict()
+    x, y, z = aircraft.position("vane")
+    content["sensors"]["vane"]["position"] = [x - 4.0, y, z]
+    if not stated:
+        del content["sensors"]["vane"]
+    wrong = ss.Aircraft.from_dict(content)
+    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(recordings, wrong)))
+
+
+def test_a_diagnosis_removes_the_delay_first_and_then_finds_the_effect():
+    case = demo_missing_physics("cross-coupling", flights=4)
+    plain = ss.diagnose(case.simulated, case.recordings, case.aircraft)
+    delayed = [late(r, DELAY, "alpha", "beta") for r in case.recordings]
+    # A simulation of the forces along the flights does not depend on the readings.
+    found = ss.diagnose(case.simulated, delayed, case.aircraft)
+    assert found.findings[0].effect == plain.findings[0].effect == "cross-coupling"
+    assert found.findings[0].probability == pytest.approx(plain.findings[0].probability, abs=0.1)
+    assert any("delay of the angle of attack by 0.2" in remark for remark in found.remarks)
+
+
+def test_a_simulation_evaluated_at_delayed_readings_has_a_delay_as_finding(calm):
+    recordings, aircraft = calm
+    found = ss.diagnose(DEMO, [late(r, DELAY, "alpha") for r in recordings], aircraft)
+    assert found.findings[0].effect == "sensor-delay"
+    assert found.findings[0].physics[0].parameters["delay of alpha"].value == pytest.approx(DELAY, abs=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings (../shared/data) are not here")
+def test_hfb_320_has_a_delay_that_a_model_from_its_own_recordings_has_too():
+    case = load_benchmark("real_recordings").hfb320_drag()
+    made = prepare(case.simulation, case.recordings, case.aircraft, aligned=True)
+    assert not made.delays
+    assert any("which the simulation has too" in remark for remark in made.remarks)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings (../shared/data) are not here")
+@pytest.mark.parametrize("delay", [0.1, 0.25])
+def test_at_the_boom_of_attas_a_delay_is_found_where_one_was_put_in_and_none_in_place_of_the_boom(delay):
+    real = load_benchmark("real_recordings")
+    case, unstated = real.attas_correct(), real.attas_vane()
+    (alpha, _) = find_flow_angle_delays(
+        flown([late(r, delay, "alpha", "beta") for r in case.recordings], case.aircraft)
+    )
+    assert alpha.probability > 0.95
+    assert alpha.delay == pytest.approx(delay, abs=0.02)
+    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(case.recordings, case.aircraft)))
+    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(unstated.recordings, unstated.aircraft)))
