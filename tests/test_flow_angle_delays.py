@@ -114,3 +114,12 @@ def test_at_the_boom_of_attas_a_delay_is_found_where_one_was_put_in_and_none_in_
     assert alpha.delay == pytest.approx(delay, abs=0.02)
     assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(case.recordings, case.aircraft)))
     assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(unstated.recordings, unstated.aircraft)))
+
+
+@pytest.mark.parametrize("angles", [("alpha",), ("beta",), ("alpha", "beta")])
+def test_reconstruct_estimates_a_delay_and_does_not_take_it_for_a_wrong_sign(calm, angles):
+    recordings, aircraft = calm
+    for recording in recordings[:2]:
+        found = ss.reconstruct(late(recording, DELAY, *angles), aircraft, delays="estimate")
+        assert found.verdict == "trusted"
+        assert all(abs(d.delay) < 0.005 for d in found.delays if d.channel in angles)  # what is left of it

@@ -35,7 +35,10 @@ _LONGEST = 6000  # samples of a long recording, those with the largest rates: tw
 # Least gain in log-likelihood of a correction: a constant, and a term for each window, so that a slightly better fit of
 # a poor recording is not sufficient. Gusts favour a smaller airspeed (by 20 in 60 windows), but no other sign. The
 # effect of a delayed gyro is similar to that of another position of the vanes.
-_MIN_GAIN = {"sign": (10.0, 0.2), "unit": (15.0, 0.4), "place": (15.0, 0.7)}
+_MIN_GAIN = {"sign": (10.0, 0.2), "unit": (15.0, 0.4), "place": (15.0, 0.7), "delay": (10.0, 0.2)}
+_DELAYS = (0.1, 0.2, 0.3, 0.4, 0.5)
+"""Delays of the vanes that are tried [s]. Delayed vanes contradict the other instruments, as a reversed ay or another
+place of the vanes does; they are no reason to refuse a recording, since their delay is estimated."""
 _EQUAL = 5.0  # log-likelihood; corrections that differ by less are not separated
 _POSITION = "position of the vanes"
 MIN_LEVER_ARM = 0.25
@@ -64,6 +67,7 @@ class _Correction:
     looks: str
     does: str
     where: str = "channel map"
+    delay: float = 0.0  # s
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,8 @@ def _corrections() -> list[_Correction]:
         _Correction(("V",), 1.0 / 3.6, "to be in km/h, fed as m/s", 'unit = "km/h"'),
         _Correction(("h",), 0.3048, "to be in feet, fed as metres", 'unit = "ft"'),
     ]
-    return found
+    late = ((name,) for name in _VANES)
+    return found + [_Correction(c, 1.0, "to be late", "delays", delay=x) for c in (*late, _VANES) for x in _DELAYS]
 
 
 def reject_wrong_sign_or_unit(recording: Recording, problem: KinematicsProblem, lateral: bool) -> None:
@@ -124,9 +129,13 @@ def reject_wrong_sign_or_unit(recording: Recording, problem: KinematicsProblem, 
         constant, for_each = _MIN_GAIN[_kind(near[0])]
         if best < max(constant, for_each * windows):
             break
-        fewest = [r for r in near if len(r.channels) == len(near[0].channels)]
-        made.append(" or ".join(f"{_subject(r.channels)} {r.looks} ({r.does} in the {r.where})" for r in fewest))
-        channels = _corrected(channels, near[0])
+        if late := next((r for r in near if r.delay), None):
+            channels = _corrected(channels, late)
+            corrections = [r for r in corrections if not r.delay and _POSITION not in r.channels]
+        else:
+            fewest = [r for r in near if len(r.channels) == len(near[0].channels)]
+            made.append(" or ".join(f"{_subject(r.channels)} {r.looks} ({r.does} in the {r.where})" for r in fewest))
+            channels = _corrected(channels, near[0])
         now = _equation_residuals(channels, problem, lateral)
     if made:
         raise DataError(
@@ -139,6 +148,8 @@ def reject_wrong_sign_or_unit(recording: Recording, problem: KinematicsProblem, 
 def _kind(correction: _Correction) -> str:
     if _POSITION in correction.channels:
         return "place"
+    if correction.delay:
+        return "delay"
     return "sign" if correction.factor < 0.0 else "unit"
 
 
@@ -161,6 +172,7 @@ def _subject(names: tuple[str, ...]) -> str:
 def _channels(problem: KinematicsProblem, lateral: bool) -> dict[str, np.ndarray]:
     found = {name: problem.measurements[:, j] for j, name in enumerate(fp.MEASUREMENTS)}
     found[_POSITION] = problem.place[1]
+    found["time"] = problem.t
     dt = float(np.median(np.diff(problem.t)))
     # Interpolated readings have a larger noise level; they have no information here.
     interpolated = problem.input_std > 2.0 * np.median(problem.input_std, axis=0)
@@ -182,6 +194,10 @@ def _channels(problem: KinematicsProblem, lateral: bool) -> dict[str, np.ndarray
 
 
 def _corrected(channels: dict[str, np.ndarray], correction: _Correction) -> dict[str, np.ndarray]:
+    if correction.delay:
+        t = channels["time"]
+        earlier = {name: np.interp(t + correction.delay, t, channels[name]) for name in correction.channels}
+        return {**channels, **earlier}
     made = {name: correction.factor * channels[name] for name in correction.channels}
     noise = {
         key: abs(correction.factor) * channels[key] for n in correction.channels if (key := f"noise of {n}") in channels
