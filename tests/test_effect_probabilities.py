@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.fft import dct
-from scipy.special import softmax
+from scipy.optimize import brentq
+from scipy.special import logit, softmax
 from statsmodels.discrete.conditional_models import ConditionalLogit
 
 from proof import calibrate
@@ -70,6 +71,7 @@ def test_a_mismatch_that_two_effects_explain_alike_is_as_probable_as_with_one():
     x = np.zeros(len(weighing.FEATURES))
     x[weighing.FEATURES.index("takes")] = 1.0
     x[weighing.FEATURES.index("takes there")] = 1.0
+    x[weighing.FEATURES.index("level")] = 1.0
     one = weighing.CandidateEffect(scored(900.0, 900.0), x)
     alone, pair = weighing.first_probabilities([one], 0.0), weighing.first_probabilities([one, one], 0.0)
     assert alone[0] < 0.2
@@ -80,16 +82,34 @@ def test_a_mismatch_that_two_effects_explain_alike_is_as_probable_as_with_one():
 
 def test_evidence_counts_as_far_as_what_is_left_is_white_noise():
     one = weighing.CandidateEffect(scored(100.0, 0.0), np.zeros(len(weighing.FEATURES)))
-    p = [weighing.first_probabilities([one], white)[1] for white in (0.0, 0.32, 1.0)]
+    even = brentq(lambda white: white * (1.0 - (1.0 - white) ** 8) - 0.32, 0.1, 0.9)
+    assert even == pytest.approx(0.33, abs=0.01)
+    p = [weighing.first_probabilities([one], white)[1] for white in (0.0, even, 1.0)]
     assert p[0] < 0.1
     assert p[1:] == pytest.approx([0.5, 1.0], abs=1e-6)
     assert weighing.first_probabilities([], 1.0) == pytest.approx([1.0])
 
 
+def test_where_no_noise_is_white_a_mismatch_is_less_probable():
+    x = np.zeros(len(weighing.FEATURES))
+    x[weighing.FEATURES.index("takes")] = 1.0
+    one = weighing.CandidateEffect(scored(0.0, 900.0), x, gain=0.0)
+    lost = [logit(weighing.first_probabilities([one], white)[1]) - one.log_odds_alone for white in (0.0, 0.1, 0.5)]
+    assert lost == sorted(lost)
+    assert lost[0] == pytest.approx(-3.0)
+    assert abs(lost[-1]) < 0.02
+    half = replace(one, gain=0.5)
+    assert logit(weighing.first_probabilities([half], 0.0)[1]) - half.log_odds_alone == pytest.approx(-1.5)
+    plant = weighing.CandidateEffect(
+        scored(0.0, 900.0, "static"), x, gain=0.0
+    )  # has no forces whose noise could be white
+    assert logit(weighing.first_probabilities([plant], 0.0)[1]) == pytest.approx(plant.log_odds_alone)
+
+
 def test_an_effect_whose_size_no_two_flights_agree_on_is_not_probable():
     one = weighing.CandidateEffect(scored(0.0, 9e9), np.full(len(weighing.FEATURES), 9.0))
-    assert weighing.first_probabilities([one], 0.0)[1] > 0.99
-    assert weighing.first_probabilities([replace(one, max_log_odds=-2.0)], 0.0)[1] == pytest.approx(
+    assert weighing.first_probabilities([one], 1.0)[1] > 0.99
+    assert weighing.first_probabilities([replace(one, max_log_odds=-2.0)], 1.0)[1] == pytest.approx(
         1.0 / (1.0 + np.exp(2.0))
     )
 

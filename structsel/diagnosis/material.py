@@ -16,6 +16,7 @@ from structsel.diagnosis.result import LISTED, UNNAMED, Bars, EffectFinding, Phy
 _WIDER = 15.0
 """Prior standard deviation of a parameter that may be exceeded, over its stated tolerance."""
 _MOST = 0.5  # fraction of the mean square of a response on other recordings, that it must explain
+_LARGEST = 0.6  # relative deviation that is plausible of a moment of inertia
 _ALIKE = 0.9  # of the largest fraction, from which another parameter explains as much
 _CERTAIN = 0.99
 
@@ -74,7 +75,8 @@ def _freed(problem: DiagnosisProblem, tolerances: Sequence[Nuisance]) -> list[_F
     for tolerance in tolerances:
         freed = problem.with_exceeded(tolerance, _WIDER)
         deviation, std = (float(x[-1]) for x in freed.deviations)
-        if abs(deviation) - std > EVEN:
+        plausible = tolerance.effect != "inertia-error" or abs(deviation) * tolerance.sd < _LARGEST
+        if plausible and abs(deviation) - std > EVEN:
             exceeded = ExceededTolerance(tolerance, deviation, std)
             made.append(_Freed(exceeded, freed, _explained(given, freed)))
     return made
