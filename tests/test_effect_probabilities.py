@@ -82,8 +82,8 @@ def test_a_mismatch_that_two_effects_explain_alike_is_as_probable_as_with_one():
 
 def test_evidence_counts_as_far_as_what_is_left_is_white_noise():
     one = weighing.CandidateEffect(scored(100.0, 0.0), np.zeros(len(weighing.FEATURES)))
-    even = brentq(lambda white: white * (1.0 - (1.0 - white) ** 8) - 0.32, 0.1, 0.9)
-    assert even == pytest.approx(0.33, abs=0.01)
+    even = brentq(lambda white: white * (1.0 - (1.0 - white) ** 16) - 0.32, 0.2, 0.9)
+    assert even == pytest.approx(0.32, abs=0.005)
     p = [weighing.first_probabilities([one], white)[1] for white in (0.0, even, 1.0)]
     assert p[0] < 0.1
     assert p[1:] == pytest.approx([0.5, 1.0], abs=1e-6)
@@ -98,12 +98,9 @@ def test_where_no_noise_is_white_a_mismatch_is_less_probable():
     assert lost == sorted(lost)
     assert lost[0] == pytest.approx(-3.0)
     assert abs(lost[-1]) < 0.02
-    half = replace(one, gain=0.5)
-    assert logit(weighing.first_probabilities([half], 0.0)[1]) - half.log_odds_alone == pytest.approx(-1.5)
-    plant = weighing.CandidateEffect(
-        scored(0.0, 900.0, "static"), x, gain=0.0
-    )  # has no forces whose noise could be white
-    assert logit(weighing.first_probabilities([plant], 0.0)[1]) == pytest.approx(plant.log_odds_alone)
+    for changed in (replace(one, gain=0.5), replace(one, max_log_odds=400.0)):
+        assert logit(weighing.first_probabilities([changed], 0.0)[1]) - one.log_odds_alone == pytest.approx(-1.5)
+    assert logit(weighing.first_probabilities([one], None)[1]) == pytest.approx(one.log_odds_alone)  # without forces
 
 
 def test_an_effect_whose_size_no_two_flights_agree_on_is_not_probable():

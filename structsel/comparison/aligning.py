@@ -19,7 +19,7 @@ from structsel.recording import Recording
 
 _NAMED = 0.5  # probability of a delay from which it may be removed
 _ORDER = 12  # samples of its past from which a difference is predicted
-_PLAIN = {"alpha": "angle of attack", "beta": "angle of sideslip"}
+_PLAIN = {"alpha": "the angle of attack", "beta": "the angle of sideslip"}
 
 Flown = tuple[list[Flight], list[str]]
 """Flights with the simulation along them, and remarks."""
@@ -73,7 +73,7 @@ def align(made: Flown, recordings: Sequence[Recording], simulation: OpenedSimula
         others.append(compare(earlier, _evaluated_earlier(simulation, others[0][0], flights, probable)))
     best, noticed = max(others, key=lambda one: agreement(one[0]))
     says = join_names([f"{_PLAIN[d.channel]} by {d.delay:.3g} +- {d.std:.1g} s" for d in probable])
-    late = f"accelerometers and gyros show a delay of the {says}"
+    late = f"accelerometers and gyros show a delay of {says}"
     if not simulation.along and agreement(best) <= agreement(flights):
         return Alignment(flights, remarks=(*remarks, f"{late}, which the simulation has too: it stays"))
     return Alignment(best, probable, flights, (*noticed, f"{late}: it was removed before the comparison"))

@@ -154,7 +154,7 @@ def exceeded_as_recorded(
         base.posterior.mean,
         base.posterior.covariance,
         scale,
-        white_fraction(problem) if white is None else white,
+        (white_fraction(problem) or 0.0) if white is None else white,
         form,
     )
 

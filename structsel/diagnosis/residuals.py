@@ -42,12 +42,13 @@ def residuals(problem: DiagnosisProblem) -> list[dict[str, Array]]:
     ]
 
 
-def white_fraction(problem: DiagnosisProblem) -> float:
-    """Fraction of white noise in the residual of the forces, the smallest of them; zero without forces.
+def white_fraction(problem: DiagnosisProblem) -> float | None:
+    """Fraction of white noise in the residual of the forces, the smallest of them; None without forces.
 
     The white noise of the instruments causes no motion; any other residual may have caused it.
     """
-    return 1.0 - max(coloured_fractions(problem.flights, residuals(problem)).values(), default=1.0)
+    coloured = coloured_fractions(problem.flights, residuals(problem))
+    return 1.0 - max(coloured.values()) if coloured else None
 
 
 def moved_by_tolerances(problem: DiagnosisProblem) -> list[dict[str, Array]]:

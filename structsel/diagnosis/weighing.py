@@ -308,7 +308,7 @@ def probabilities(candidates: Sequence[CandidateEffect]) -> Array:
     return np.asarray(scipy.special.softmax([0.0, *(one.log_odds for one in candidates)]))
 
 
-def first_probabilities(candidates: Sequence[CandidateEffect], white: float) -> Array:
+def first_probabilities(candidates: Sequence[CandidateEffect], white: float | None) -> Array:
     """(1 + n,) probabilities in the first search: of no mismatch, and of each effect.
 
     The probability of a mismatch is computed from each effect as if it had no alternatives, and then distributed. With
@@ -319,13 +319,13 @@ def first_probabilities(candidates: Sequence[CandidateEffect], white: float) -> 
     Parameters
     ----------
     candidates : sequence of CandidateEffect
-    white : float
-        Fraction of white noise in the residual forces.
+    white : float or None
+        Fraction of white noise in the residual forces; None without forces.
     """
     if not candidates:
         return np.ones(1)
-    coloured = (1.0 - white) ** _DECAY
-    counts = white * (1.0 - coloured)
+    coloured = 0.0 if white is None else (1.0 - white) ** _DECAY
+    counts = 0.0 if white is None else white * (1.0 - coloured**2)
     evidence = [min((counts * log_bayes(c.score) - _EVEN) / _SCALE, c.of_form - _AGREED) for c in candidates]
     as_given = [one.log_odds_alone - coloured * one.loss for one in candidates if one.lowers]
     some = float(scipy.special.expit(max([*evidence, *as_given])))
