@@ -71,10 +71,10 @@ def align(made: Flown, recordings: Sequence[Recording], simulation: OpenedSimula
     others = [compare(earlier, simulation)]
     if simulation.along:
         others.append(compare(earlier, _evaluated_earlier(simulation, others[0][0], flights, probable)))
-    best, noticed = max(others, key=lambda one: agreement(one[0]))
+    agreed, (best, noticed) = max(((agreement(one[0]), one) for one in others), key=lambda pair: pair[0])
     says = join_names([f"{_PLAIN[d.channel]} by {d.delay:.3g} +- {d.std:.1g} s" for d in probable])
     late = f"accelerometers and gyros show a delay of {says}"
-    if not simulation.along and agreement(best) <= agreement(flights):
+    if not simulation.along and agreed <= agreement(flights):
         return Alignment(flights, remarks=(*remarks, f"{late}, which the simulation has too: it stays"))
     return Alignment(best, probable, flights, (*noticed, f"{late}: it was removed before the comparison"))
 
@@ -84,8 +84,8 @@ def without_delays(recording: Recording, flight: Flight, delays: Sequence[FlowAn
     t, made = recording.t, dict(recording.channels)
     for one in delays:
         read, predicted = np.asarray(recording[one.channel], dtype=float), flight.integrated[one.channel]
-        offset = read - np.interp(t - one.delay, t, predicted)
-        made[one.channel] = predicted + np.interp(t + one.delay, t, offset)
+        offset = read - delayed(predicted, t, one.delay)
+        made[one.channel] = predicted + delayed(offset, t, -one.delay)
     return replace(recording, channels=made, findings=())
 
 

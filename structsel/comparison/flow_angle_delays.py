@@ -12,14 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
 
 from structsel.comparison.flight import Flight
+from structsel.comparison.inertial_air_data import SLOW
 from structsel.comparison.prediction_filter import Filter
 from structsel.comparison.tolerances import WITHIN_SAMPLE
 from structsel.numerics.arrays import Array
+from structsel.numerics.dynamic_elements import delayed
 
 LONGEST = 0.5
 """Longest delay that is sought [s]."""
@@ -27,7 +30,6 @@ _COARSE, _FINE = 0.04, 0.01  # s, between the delays that are tried
 _EVIDENT = 3.0  # log likelihood of the best delay over none, from which it is computed in full
 _SPAN, _FEWEST, _LARGEST = 0.3, 8, 30  # s, and samples: past that predicts a residual
 _ROUNDS = 3
-_SLOW = 0.05  # Hz, below which winds and biases make the rest
 _SCALE, _SCALE_FREE = 0.05, 0.3  # standard deviations of a relative error of scale: tolerated, and as an explanation
 _FREE_PLACE = 0.5  # of the span: standard deviation of a vane's place, as an explanation
 _TURN = {"alpha": "q", "beta": "r"}
@@ -136,14 +138,13 @@ class _Course:
     read: Array
     predicted: Array
     place: Array
-    drift: Array
 
     @classmethod
     def of(cls, flight: Flight, channel: str) -> _Course:
         arm = flight[channel] - flight.at_cg[channel]
         return cls(
             flight.t - flight.t[0], flight.dt, flight.raw[channel], flight.integrated[channel] + arm,
-            flight[_TURN[channel]] / flight["V"], _drifts(len(flight), flight.dt),
+            flight[_TURN[channel]] / flight["V"],
         )  # fmt: skip
 
     @property
@@ -154,16 +155,21 @@ class _Course:
 
     def columns(self, tau: float) -> Array:
         """Errors of scale and place of the delayed prediction (n, k), and the reading less that prediction (n,)."""
-        late = np.interp(self.t - tau, self.t, self.predicted)
-        place = np.interp(self.t - tau, self.t, self.place)
+        late, place = (delayed(x, self.t, tau) for x in (self.predicted, self.place))
         return np.column_stack([late - late.mean(), place, self.read - late])[self.inside]
 
+    @cached_property
+    def drifts(self) -> Array:
+        """A line, and waves below `SLOW`."""
+        n = len(self.t)
+        waves = np.arange(1, max(1, int(2.0 * n * self.dt * SLOW)) + 1)
+        at = np.arange(n) + 0.5
+        return np.column_stack([np.ones(n), at / n - 0.5, np.cos(np.pi * np.outer(at, waves) / n)])[self.inside]
 
-def _drifts(n: int, dt: float) -> Array:
-    """A line, and waves below `_SLOW`."""
-    waves = np.arange(1, max(1, int(2.0 * n * dt * _SLOW)) + 1)
-    at = np.arange(n) + 0.5
-    return np.column_stack([np.ones(n), at / n - 0.5, np.cos(np.pi * np.outer(at, waves) / n)])
+    @cached_property
+    def drift_basis(self) -> Array:
+        """Orthonormal columns of the same space."""
+        return np.linalg.qr(self.drifts)[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,9 +202,8 @@ class _Fit:
     @staticmethod
     def _left(course: _Course, tau: float, widths: Array) -> Array:
         """Reading less the delayed prediction, drifts, scale and place."""
-        Q = np.linalg.qr(course.drift[course.inside])[0]
         W = course.columns(tau)
-        W -= Q @ (Q.T @ W)
+        W -= course.drift_basis @ (course.drift_basis.T @ W)
         X, y = W[:, :-1], W[:, -1]
         return np.asarray(y - X @ np.linalg.solve(X.T @ X + np.diag(y.var() / widths**2), X.T @ y))
 
@@ -212,7 +217,7 @@ class _Fit:
 
     def with_filter(self, one: Filter, taus: Array, widths: Array) -> _Evidence:
         """Evidence of each delay with given noise."""
-        bases = [np.linalg.qr(one(c.drift[c.inside]))[0] for c in self.courses]
+        bases = [np.linalg.qr(one(c.drifts))[0] for c in self.courses]
         rows = np.array([float(len(Q)) for Q in bases])
         logs = np.array([self._log_evidence(one, float(tau), widths, bases) for tau in taus])
         return _Evidence(logs + one.log_density(rows), one)

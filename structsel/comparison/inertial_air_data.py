@@ -19,7 +19,8 @@ from structsel.numerics.smoothing import smooth_splines
 
 _AS_THEY_ARE = ("gear", "throttle", "mode")
 _SHARP = ("de", "da", "dr", "df", "thrust")
-_SLOW = 0.05  # Hz
+SLOW = 0.05
+"""Frequency below which winds and biases make the difference of a reading and its prediction [Hz]."""
 
 
 def smooth_channels(channels: Mapping[str, Array], t: Array) -> dict[str, Array]:
@@ -85,8 +86,8 @@ def inertial_channels(
 
 
 def _drift(x: Array, t: Array) -> Array:
-    """The slow part of a signal: a line, and waves below `_SLOW`."""
+    """The slow part of a signal: a line, and waves below `SLOW`."""
     line = np.polynomial.Polynomial.fit(t, x, 1)(t)
     waves = scipy.fft.dct(x - line, norm="ortho")
-    waves[max(1, int(2.0 * (t[-1] - t[0]) * _SLOW)) + 1 :] = 0.0
+    waves[max(1, int(2.0 * (t[-1] - t[0]) * SLOW)) + 1 :] = 0.0
     return line + np.asarray(scipy.fft.idct(waves, norm="ortho"))

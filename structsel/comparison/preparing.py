@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from structsel.aircraft import Aircraft
-from structsel.comparison.aligning import Alignment, align
+from structsel.comparison.aligning import Alignment, Flown, align
 from structsel.comparison.checking import check_alike, check_recorded
 from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
 from structsel.comparison.flow_angle_delays import FlowAngleDelay
@@ -92,12 +93,7 @@ def prepare(
     remarks: list[str] = []
     if aligned:
         recordings, simulation, remarks = _joined(recordings, simulation, but_for)
-    tell = progress or (lambda what, done, of: None)
-    asked = aircraft
-
-    def compare(recorded: Sequence[Recording], along: OpenedSimulation) -> tuple[list[Flight], list[str]]:
-        return _flown(recorded, along, asked, tell)
-
+    compare = partial(_flown, aircraft=aircraft, tell=progress or (lambda what, done, of: None))
     made = compare(recordings, simulation)
     found = align(made, recordings, simulation, compare) if aligned else Alignment(made[0], remarks=tuple(made[1]))
     return PreparedComparison(
@@ -105,9 +101,7 @@ def prepare(
     )
 
 
-def _flown(
-    recordings: Sequence[Recording], simulation: OpenedSimulation, aircraft: Aircraft, tell: Progress
-) -> tuple[list[Flight], list[str]]:
+def _flown(recordings: Sequence[Recording], simulation: OpenedSimulation, aircraft: Aircraft, tell: Progress) -> Flown:
     """Flights with the simulation along them, and remarks."""
     remarks: list[str] = []
     wanted = _wanted(recordings[0], aircraft)

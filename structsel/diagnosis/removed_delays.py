@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from structsel.comparison.flight import Flight
 from structsel.comparison.flow_angle_delays import FlowAngleDelay
 from structsel.comparison.preparing import PreparedComparison
 from structsel.diagnosis import judging
@@ -12,6 +11,7 @@ from structsel.diagnosis.result import Bars, EffectFinding, Physics
 from structsel.effects.base import ParameterEstimate
 from structsel.effects.wording import INSTRUMENTS
 from structsel.formatting import as_sentence, join_names
+from structsel.numerics.arrays import Array
 
 _SHOWN = 0.01  # fraction by which the rms of the differences of a listed response decreases
 
@@ -27,12 +27,12 @@ def removed_delays(prepared: PreparedComparison, responses: Sequence[str]) -> li
     """
     if not prepared.delays:
         return []
-    before, after = _differences(prepared.as_recorded, responses), _differences(prepared.flights, responses)
+    before, after = (_varying([f.difference for f in x], responses) for x in (prepared.as_recorded, prepared.flights))
     gained = judging.gains(before, after, responses)
     axes = tuple(sorted((c for c, x in gained.items() if x > _SHOWN), key=lambda c: -gained[c]))
     if not axes:
         return []
-    measured = [{c: f.measured[c] - f.measured[c].mean() for c in axes} for f in prepared.flights]
+    measured = _varying([f.measured for f in prepared.flights], axes)
     fits = [judging.fit(measured, left, axes) for left in (before, after)]
     bars = {c: Bars(fits[0][c], fits[0][c], fits[1][c]) for c in axes if c in fits[0]}
     explained = judging.explained(before, after, axes)
@@ -50,6 +50,6 @@ def _says(one: FlowAngleDelay) -> str:
     return f"{INSTRUMENTS[one.channel]} is delayed by {one.delay:.3g} +- {one.std:.1g} s"
 
 
-def _differences(flights: Sequence[Flight], responses: Sequence[str]) -> judging.Residuals:
-    """Differences without the constant part."""
-    return [{c: f.difference[c] - f.difference[c].mean() for c in responses} for f in flights]
+def _varying(signals: Sequence[Mapping[str, Array]], responses: Sequence[str]) -> judging.Residuals:
+    """Signals of each flight without the constant part."""
+    return [{c: one[c] - one[c].mean() for c in responses} for one in signals]

@@ -117,7 +117,7 @@ class CandidateEffect:
 
         An effect that is not tested may be any part of the mismatch with the same motion as its alternatives.
         """
-        if not self.is_tested:
+        if not self._is_tested:
             return self.log_odds
         x = self.features.copy()
         as_given = np.log1p(max(0.0, log_bayes_as_given(self.score)) / _CLEAR)
@@ -127,13 +127,12 @@ class CandidateEffect:
         return min(self.max_log_odds, self._of(x) - NO_ALTERNATIVE)
 
     @property
-    def is_tested(self) -> bool:
-        """Whether it is tested on the response to the inputs, or is one of the air."""
+    def _is_tested(self) -> bool:
         return self.score.input_only is not None or self.score.hypothesis.kind == "atmospheric"
 
     def _of(self, features: Array) -> float:
         less = IDENTIFIED * self.identified
-        if self.is_tested:
+        if self._is_tested:
             return float(NOTHING - less + features @ WEIGHTS)
         return float(NOTHING_UNTESTED - less + features @ WEIGHTS_UNTESTED)
 
@@ -141,7 +140,7 @@ class CandidateEffect:
     def loss(self) -> float:
         """Log odds that it loses against no effect if the residual contains no white noise."""
         sure = max(self.max_log_odds, 0.0) if np.isfinite(self.max_log_odds) else 0.0
-        return _COLOURED * (1.0 - self.gain) / (1.0 + sure / _SURE) if self.is_tested else 0.0
+        return _COLOURED * (1.0 - self.gain) / (1.0 + sure / _SURE) if self._is_tested else 0.0
 
     @property
     def effect(self) -> str:
@@ -247,7 +246,7 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
     """
     kept, alternatives = _admissible(problem, scores)
     made = []
-    for one, taken, lowers, gain in kept:
+    for one, taken, gain in kept:
         as_given = max(0.0, ahead_of(one, alternatives, log_bayes_as_given)) * np.log1p(
             max(0.0, log_bayes_as_given(one)) / _CLEAR
         )
@@ -269,6 +268,7 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
         of_form = beyond_form(problem, extended)
         max_log_odds = min(np.inf if one.event else agreed(extended), of_form) - _AGREED
         identified = problem.flights[0].is_identified
+        lowers = gain >= _LOWERS or taken.judged_there >= _THERE
         x = np.array(values, dtype=float)
         made.append(CandidateEffect(one, x, max_log_odds, lowers, gain, identified, of_form))
     return made
@@ -276,14 +276,14 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
 
 def _admissible(
     problem: DiagnosisProblem, scores: Sequence[EffectScore]
-) -> tuple[list[tuple[EffectScore, Taken, bool, float]], list[EffectScore]]:
-    """Candidate effects, with what each explains, whether and how far it decreases the error; and all alternatives.
+) -> tuple[list[tuple[EffectScore, Taken, float]], list[EffectScore]]:
+    """Candidate effects, with what each explains and how far it decreases the error; and all alternatives.
 
     An effect that degrades held-out flights is neither.
     """
     plain = problem.as_given
     before = judging.held_out(plain, True)
-    kept: list[tuple[EffectScore, Taken, bool, float]] = []
+    kept: list[tuple[EffectScore, Taken, float]] = []
     alternatives, judged = list(scores), set()
     # The next effect takes the place of one that degrades held-out flights.
     while asked := [s for s in leading_effects(alternatives) if evident(problem, s) and s.effect not in judged]:
@@ -292,14 +292,14 @@ def _admissible(
             extended = plain.with_effect(one.signature)
             taken = Taken.by(one, plain, extended)
             gained = judging.gains(before, judging.held_out(extended, True), extended.judged_responses)
-            lowers, degrades = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
+            gain, degrades = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
             if one.alone:  # other flights cannot predict the one on which it acts
                 without, with_it = (judging.held_out(b, True, one.signature.flights) for b in (plain, extended))
                 degrades = -min(judging.gains(without, with_it, extended.judged_responses).values(), default=0.0)
             if degrades > _DEGRADES:
                 alternatives.remove(one)
             else:
-                kept.append((one, taken, lowers >= _LOWERS or taken.judged_there >= _THERE, max(lowers, 0.0)))
+                kept.append((one, taken, max(gain, 0.0)))
     return kept, alternatives
 
 

@@ -23,6 +23,7 @@ from structsel.errors import DataError
 from structsel.nomenclature import BODY_RATES, EULER_ANGLES, SPECIFIC_FORCES
 from structsel.numerics import kinematics as fp
 from structsel.numerics import rigid_body as rb
+from structsel.numerics.dynamic_elements import delayed
 from structsel.numerics.kinematic_closure import closure_sides
 from structsel.numerics.signal_quality import noise_level
 from structsel.reconstruction.kinematics_problem import KinematicsProblem
@@ -196,8 +197,7 @@ def _channels(problem: KinematicsProblem, lateral: bool) -> dict[str, np.ndarray
 def _corrected(channels: dict[str, np.ndarray], correction: _Correction) -> dict[str, np.ndarray]:
     if correction.delay:
         t = channels["time"]
-        earlier = {name: np.interp(t + correction.delay, t, channels[name]) for name in correction.channels}
-        return {**channels, **earlier}
+        return {**channels, **{name: delayed(channels[name], t, -correction.delay) for name in correction.channels}}
     made = {name: correction.factor * channels[name] for name in correction.channels}
     noise = {
         key: abs(correction.factor) * channels[key] for n in correction.channels if (key := f"noise of {n}") in channels
