@@ -11,8 +11,9 @@ from statsmodels.sandbox.regression.gmm import IV2SLS
 
 import structsel as ss
 from structsel.numerics.cross_products import prewhitened_cross_products
-from structsel.numerics.instrumental import RESIDUAL_LAGS, SIGNAL_LAGS, InstrumentedProducts, PastData, past_exponents
+from structsel.numerics.instrumental import InstrumentedProducts
 from structsel.numerics.noise_models import ARNoise
+from structsel.numerics.past_data import RESIDUAL_LAGS, SIGNAL_LAGS, PastData, past_exponents
 from structsel.numerics.regressors import ArrayData
 
 

@@ -16,7 +16,7 @@ from structsel.errors import ArgumentError, SelectionError
 from structsel.nomenclature import COEFFICIENTS, FLOW_ANGLES
 from structsel.numerics import criteria
 from structsel.numerics.blocks import JobRunner
-from structsel.numerics.instrumental import SIGNAL_LAGS
+from structsel.numerics.past_data import SIGNAL_LAGS
 from structsel.options import takes_options
 from structsel.recording import StoredRecording, warn_of_entry_errors
 from structsel.recording.arguments import as_recordings, require_names
