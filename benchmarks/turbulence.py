@@ -4,7 +4,8 @@
 
 Turbulence makes the aircraft move, so that candidates and residual are correlated and estimates biased. The flights are
 those of `structsel.demo_flights`, under its augmentation (closed loop) or without it (open loop). "Fixed values" are
-the intervals without the variance between manoeuvres, from the covariance for autocorrelated residuals alone.
+the intervals without the variance between manoeuvres, from the covariance for autocorrelated residuals alone. The bias
+of each parameter is given in standard errors as `select` prints them, and in per cent of the value.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import warnings
 from collections import defaultdict
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
@@ -22,8 +24,20 @@ import structsel as ss
 LEVELS = {0.0: "calm", 0.5: "0.4 m/s", 1.0: "0.8 m/s", 2.0: "1.6 m/s"}
 
 
-def errors_of(level: float, seed: int, flights: int, augmentation: float) -> list[tuple[str, float, float, bool, bool]]:
-    """For every parameter: name, truth, estimate, and whether each of two intervals contains the truth."""
+@dataclass(frozen=True)
+class Estimated:
+    """One parameter of one seed, and whether each of two intervals contains the truth."""
+
+    parameter: str
+    truth: float
+    value: float
+    standard_error: float
+    inside: bool
+    inside_fixed: bool
+
+
+def errors_of(level: float, seed: int, flights: int, augmentation: float) -> list[Estimated]:
+    """Every parameter of the six models."""
     recordings, aircraft, truth = ss.demo_flights(flights, seed, turbulence=level, augmentation=augmentation)
     manoeuvres = ss.compute_all(recordings, aircraft)
     rows = []
@@ -35,7 +49,8 @@ def errors_of(level: float, seed: int, flights: int, augmentation: float) -> lis
         for i, (term, (low, high)) in enumerate(zip(["1", *map(str, found.terms)], found.intervals(), strict=True)):
             if term != "1":
                 value, true = float(found.values[i]), terms[term]
-                rows.append((f"{response}: {term}", true, value, low < true < high, abs(value - true) < plain[i]))
+                inside = low < true < high, abs(value - true) < plain[i]
+                rows.append(Estimated(f"{response}: {term}", true, value, float(found.standard_errors[i]), *inside))
     return rows
 
 
@@ -53,16 +68,24 @@ def main() -> None:
     gain, loop = (0.0, "open") if a.open_loop else (1.0, "closed")
     for level, name in LEVELS.items():
         rows = [row for seed in range(a.seed, a.seed + a.seeds) for row in errors_of(level, seed, a.flights, gain)]
-        inside, plain = (100.0 * np.mean([row[i] for row in rows]) for i in (3, 4))
-        covered.append([name, len(rows), f"{inside:.1f} %", f"{plain:.1f} %"])
-        for parameter in dict.fromkeys(row[0] for row in rows):
-            deviation = [100.0 * (value / true - 1.0) for who, true, value, *_ in rows if who == parameter]
-            bias[parameter][name] = f"{np.mean(deviation):+.1f} ± {np.std(deviation) / np.sqrt(len(deviation)):.1f}"
+        of = {
+            who: [row for row in rows if row.parameter == who] for who in dict.fromkeys(row.parameter for row in rows)
+        }
+        sizes = []
+        for who, each in of.items():
+            deviation = np.array([row.value - row.truth for row in each])
+            errors = float(np.mean(deviation / [row.standard_error for row in each]))
+            relative = 100.0 * deviation / each[0].truth
+            bias[who][name] = f"{errors:+.2f} ({relative.mean():+.1f} %)"
+            sizes.append(abs(errors))
+        inside, fixed = (100.0 * np.mean([getattr(row, x) for row in rows]) for x in ("inside", "inside_fixed"))
+        above = sum(size > 1.0 for size in sizes)
+        covered.append([name, len(rows), f"{inside:.1f} %", f"{fixed:.1f} %", f"{max(sizes):.2f}", above])
     parts = [
         "# Coverage of 95 % intervals in turbulence",
         f"{a.flights} flights, {a.seeds} seeds from {a.seed}, {loop} loop, true terms given. {machine()}",
-        table(["gusts", "intervals", "contain the truth", "fixed values"], covered),
-        "Mean deviation from the truth, % of the value, and its standard error:",
+        table(["gusts", "intervals", "contain the truth", "fixed values", "largest bias", "above one"], covered),
+        "Mean deviation from the truth in standard errors, and in % of the value:",
         table(["parameter", *LEVELS.values()], [[who, *levels.values()] for who, levels in bias.items()]),
     ]
     publish("\n\n".join(parts), a.out)

@@ -15,6 +15,10 @@ from structsel.numerics.instrumental import InstrumentedProducts
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.past_data import RESIDUAL_LAGS, SIGNAL_LAGS, PastData, past_exponents
 from structsel.numerics.regressors import ArrayData
+from structsel.selection.causal import turbulence_shows
+from structsel.selection.choices import FlowAngles
+
+DEGREES = np.array([1, 1, 2])
 
 
 def lagged(x: np.ndarray, lag: int) -> np.ndarray:
@@ -110,10 +114,38 @@ def test_least_squares_differs_and_the_past_gives_the_truth():
 def test_a_term_without_effect_is_eliminated_by_the_past():
     x, y, _ = two_signals()
     response = y - 0.5 * x[0] * x[1]
-    left = instrumented(x, response).eliminate([0, 1, 2], 12.0)
+    left = instrumented(x, response).eliminate([0, 1, 2], 12.0, DEGREES)
     assert [number for number, _, _ in left] == [2]
-    kept = instrumented(x, response).eliminate([0, 1, 2], 12.0, include=[2])
+    kept = instrumented(x, response).eliminate([0, 1, 2], 12.0, DEGREES, include=[2])
     assert kept == []
+
+
+def test_terms_of_the_highest_degree_are_eliminated_first():
+    x, y, _ = two_signals()
+    response = y + 0.7 * x[1] - 0.35 * x[0] * x[1]
+    products = instrumented(x, response)
+    first, second = products.fit_terms([0, 1, 2]).partial_F[1:]
+    assert first < second < 12.0
+    orders = [
+        [number for number, _, _ in products.eliminate([0, 1, 2], 12.0, degrees)]
+        for degrees in (DEGREES, np.array([1, 1, 1]))
+    ]
+    assert orders == [[2, 1], [1, 2]]
+
+
+def test_a_linear_term_stays_where_another_value_would_move_by_more_than_its_error():
+    rng = np.random.default_rng(12)
+    a, c = lfilter([0.2], [1.0, -0.98], rng.standard_normal((2, 600)))
+    x = np.array([a, 0.9 * a + 0.3 * c])
+    products = instrumented(x, 2.0 * x[0] - 0.5 * x[1] + rng.standard_normal(600))
+    fit = products.fit_terms([0, 1])
+    assert fit.partial_F[1] < 12.0
+    alone = products.fit_terms([0])
+    error = np.sqrt(np.diag(alone.fit(np.empty(0), np.ones(1)).covariance))[1]
+    assert alone.moved_from(fit) == pytest.approx(abs(alone.theta[1] - fit.theta[1]) / error, rel=1e-9)
+    assert alone.moved_from(fit) > 1.0
+    assert products.eliminate([0, 1], 12.0, DEGREES, confounders=[0, 1]) == []
+    assert [number for number, _, _ in products.eliminate([0, 1], 12.0, DEGREES)] == [1]
 
 
 def test_without_terms_the_constant_of_each_manoeuvre_is_left():
@@ -147,6 +179,35 @@ def test_in_turbulence_rows_are_causal_by_default_and_roll_damping_is_that_of_th
     assert abs(chosen.values[at] / truth - 1.0) < 0.1
     low, high = chosen.intervals()[at]
     assert low < truth < high
+
+
+def test_in_strong_gusts_few_false_terms_are_selected_and_the_linear_ones_stay(flights):
+    recordings, truth = flights
+    pool = ss.Candidates.polynomial(["alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr"], 3)
+    found = ss.select(recordings, "Cl", pool, bootstrap=0)
+    terms = set(map(str, found.terms))
+    assert "causal rows" in found.stop_reason
+    assert {"beta", "p_hat", "r_hat", "da"} <= terms
+    assert len(terms - set(truth["Cl"])) <= 1
+
+
+def test_turbulence_is_that_of_the_recording_whatever_the_candidates(flights):
+    recordings, truth = flights
+    terms = [term for term in truth["Cn"] if term != "1"]
+    assert "alpha" not in terms
+    given = {"include": terms, "parsimony": "none", "bootstrap": 0}
+    assert ss.select(recordings, "Cn", ss.Candidates.parse(terms), **given).rows == "causal"
+    blind = [ss.Recording(r.name, r.t, {c: r[c] for c in r.names if c not in ("t", "alpha")}) for r in recordings]
+    assert ss.select(blind, "Cn", ss.Candidates.parse(terms), **given).rows == "sampled"
+
+
+@pytest.mark.parametrize(("size", "shows"), [(0.1, False), (0.3, True)])
+def test_an_angle_that_hardly_moves_shows_no_turbulence(size, shows):
+    rng = np.random.default_rng(2)
+    still, moving = lfilter([0.02], [1.0, -0.98], rng.standard_normal(2000)), np.sin(np.arange(2000) / 40.0)
+    angle = size * still / still.std()
+    flow = FlowAngles([ArrayData(np.array([moving, angle]), np.ones((1, 2000)))], (0, 1))
+    assert turbulence_shows(flow) == shows
 
 
 def test_in_strong_gusts_causal_intervals_of_yawing_moment_hold_and_its_instruments_are_doubted(flights):

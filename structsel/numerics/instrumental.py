@@ -24,7 +24,7 @@ Everything follows from cross-products of [1, X, Z, W, y], block by block, so th
 References
 ----------
 [SS83] instrumental variables for systems with feedback; [W10] ch. 5 and 6, two-stage least squares and the test;
-[B17] the variance where instruments are not all valid.
+[MG89] the criterion of the change in an estimate; [B17] the variance where instruments are not all valid.
 """
 
 from __future__ import annotations
@@ -41,6 +41,10 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.least_squares import LeastSquaresFit, with_mean_constant
 from structsel.numerics.normal_equations import Projection, project, solve_normal_equations
+
+MOVED = 1.0
+"""Standard errors by which a parameter moves where a linear term leaves, above which that term stays: without it the
+others would be biased by more than their errors."""
 
 
 @dataclass(frozen=True)
@@ -119,22 +123,42 @@ class InstrumentedProducts:
         return PastFit(self, tuple(kept), scaled, products)
 
     def eliminate(
-        self, kept: Sequence[int], F_out: float, include: Sequence[int] = ()
+        self,
+        kept: Sequence[int],
+        F_out: float,
+        degrees: NDArray[np.integer],
+        include: Sequence[int] = (),
+        confounders: Sequence[int] = (),
     ) -> list[tuple[int, float, PastFit]]:
-        """Candidates that leave one after another, the smallest partial F first, with that F and the fit without each.
+        """Candidates that leave one after another, with the partial F of each and the fit without it.
 
-        Candidates whose partial F is at least ``F_out``, and those of ``include``, stay.
+        Parameters
+        ----------
+        kept : sequence of int
+            Candidates at the start.
+        F_out : float
+            Candidates of a lower partial F leave: those of the highest degree first, then the smallest F.
+        degrees : (p,) int array
+            Of the candidates.
+        include : sequence of int
+            Candidates that stay.
+        confounders : sequence of int
+            Those that stay where another parameter would move by more than `MOVED` without them [MG89].
         """
         left: list[tuple[int, float, PastFit]] = []
-        fit = self.fit_terms(kept)
+        fit, stay = self.fit_terms(kept), set(include)
         while True:
             F = fit.partial_F
-            free = [i for i, j in enumerate(fit.terms) if j not in include]
-            weakest = min(free, key=lambda i: F[i], default=None)
-            if weakest is None or F[weakest] >= F_out:
+            free = [i for i, j in enumerate(fit.terms) if j not in stay and F[i] < F_out]
+            if not free:
                 return left
+            weakest = min(free, key=lambda i: (-degrees[fit.terms[i]], F[i]))
             number = fit.terms[weakest]
-            fit = self.fit_terms([j for j in fit.terms if j != number])
+            without = self.fit_terms([j for j in fit.terms if j != number])
+            if number in confounders and without.moved_from(fit) > MOVED:
+                stay.add(number)
+                continue
+            fit = without
             left.append((number, float(F[weakest]), fit))
 
 
@@ -183,11 +207,17 @@ class PastFit:
 
     @property
     def partial_F(self) -> Array:
-        """(k,) partial F of the terms."""
-        s2 = self.rss / max(self.products.dof() - len(self.terms) - self.source.other.size, 1.0)
+        """(k,) partial F of the terms, with the variance of `fit`."""
+        s2 = self.dispersion * self.rss / max(self.products.dof() - len(self.terms) - self.source.other.size, 1.0)
         variance = s2 * np.diag(self._projection.inverse)[1:]
         with np.errstate(divide="ignore"):
             return self.slopes**2 / variance
+
+    def moved_from(self, larger: PastFit) -> float:
+        """Largest difference of a parameter from its value in a model with more terms, in standard errors of this."""
+        others = dict(zip(larger.terms, larger.slopes, strict=True))
+        moved = self.slopes - np.array([others[j] for j in self.terms])
+        return float(np.max(np.abs(moved) * np.sqrt(self.partial_F) / np.abs(self.slopes), initial=0.0))
 
     def test_exogeneity(self) -> tuple[float, float]:
         """F and its probability where the terms do not follow the residual (Durbin, Wu and Hausman)."""
@@ -213,6 +243,14 @@ class PastFit:
         dof = self.products.dof() - rank - self.source.other.size
         return _test_reduction(alone.rss, free.rss, rank - len(self.terms), dof)
 
+    @cached_property
+    def dispersion(self) -> float:
+        """Factor of the variance [-], Sargan's F where it is above one.
+
+        Effects of the instruments themselves are taken as random in all directions [B17].
+        """
+        return max(1.0, self.test_instruments()[0])
+
     def fit(self, constants: Array, weights: Array) -> LeastSquaresFit:
         """The same as a fit in physical units.
 
@@ -226,9 +264,7 @@ class PastFit:
         first = 1 if constants.size else 0
         rows = self._columns[first:]
         total, unit = self.products.total()[np.ix_(rows, rows)], self.products.scale[rows]
-        # Effects of the instruments themselves, random in all directions, enlarge the variance by Sargan's F [B17].
-        dispersion = max(1.0, self.test_instruments()[0])
-        inverse = self._projection.inverse[first:, first:] / np.outer(unit, unit) * dispersion
+        inverse = self._projection.inverse[first:, first:] / np.outer(unit, unit) * self.dispersion
         root = np.sqrt(np.diag(total))
         condition = float(np.sqrt(np.linalg.cond(total / np.outer(root, root)))) if rows else 1.0
         values = self.theta

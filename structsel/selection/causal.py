@@ -28,19 +28,23 @@ from structsel.selection.choices import (
     NO_MODELS,
     Choice,
     EngineData,
+    FlowAngles,
     ResponseModels,
     fit_noise,
     models_of,
 )
 from structsel.selection.methods.method import thresholds
 
-PAST_ROUNDS = 3  # of noise models and causal rows, whose terms are given
+PAST_ROUNDS = 4  # of noise models and causal rows; the first eliminates terms
 SIGNIFICANCE = 0.01
 """Of the tests of exogeneity (Durbin, Wu and Hausman) and of the instruments (Sargan), by which rows are chosen."""
 TURBULENT = 0.01
 """Fraction of the variation of alpha or beta that the past does not predict, from which rows are causal by default. Of
 alpha it is 0.004 on the demonstration flights in calm air (vane noise), 0.03, 0.08 and 0.18 in gusts of 0.4, 0.8 and
 1.6 m/s. Where it is small the test rejects for other reasons: channels that are delayed by part of a sample."""
+MOVES = 0.15
+"""Standard deviation of a flow angle, relative to that of the other, below which it shows noise rather than turbulence.
+It is 0.08 for beta in Twin Otter's longitudinal manoeuvres, and 0.2 for alpha in the demonstration flights."""
 LONGEST_LAG = 0.25
 """Least lag of an instrument [s] that separates turbulence from the motion: below the time constants of short
 period and roll. At 10 Hz, half a second, 1 % of alpha is not predicted in calm air either."""
@@ -98,21 +102,20 @@ def enough_samples(samples: float, signals: int, responses: int, terms: int) -> 
     return samples >= SAMPLES_PER_INSTRUMENT * instruments
 
 
-def turbulence_shows(
-    manoeuvres: Sequence[DataSource],
-    flow_angles: Sequence[int],
-    scales: Scales,
-    **given: Any,
-) -> bool:
-    """Whether the past of the base signals leaves more than `TURBULENT` of a flow angle, one of them, unpredicted."""
-    table, n_instruments, _ = past_exponents(np.eye(scales[0].size, dtype=int)[list(flow_angles)], [], 0)
-    data = [PastData(source, (), (), (0,)) for source in manoeuvres]
+def turbulence_shows(flow: FlowAngles, **given: Any) -> bool:
+    """Whether the past of all signals leaves more than `TURBULENT` of a flow angle that moves unpredicted."""
+    if not flow.positions:
+        return False
+    scales = flow.scales or find_scales(flow.sources)
+    table, n_instruments, _ = past_exponents(np.eye(scales[0].size, dtype=int)[list(flow.positions)], [], 0)
+    data = [PastData(source, (), (), (0,)) for source in flow.sources]
     base = np.tile(scales[0], 1 + len(SIGNAL_LAGS))
     products = cross_products(data, table, scales=(base, scales[1][:1]), **given).within_manoeuvres()
-    m = len(flow_angles)
+    m = len(flow.positions)
     left = project(products.total(), range(1 + m, 1 + m + n_instruments)).remaining[1 : 1 + m]
     total = np.diag(products.total())[1 : 1 + m]
-    return bool(np.any(left > TURBULENT * total))
+    moved = np.sqrt(total) * scales[0][list(flow.positions)]
+    return bool(np.any((left > TURBULENT * total) & (moved > MOVES * moved.max())))
 
 
 def is_needed(past: PastFit, misfit: bool) -> bool:
@@ -181,44 +184,84 @@ def use_past(data: EngineData, choices: list[Choice], shared: list[CrossProducts
     rows = data.options.rows
     if rows == "sampled" or data.options.noise != "ar" or not pending:
         return choices
-    if rows == "auto" and not (
-        data.flow_angles and turbulence_shows(data.manoeuvres, data.flow_angles, data.scales, **data.block_arguments)
-    ):
+    if rows == "auto" and not turbulence_shows(data.flow_angles, **data.block_arguments):
         return choices
     further = NO_MODELS
     if companions:
         further = fit_companions(data.companions, companions, data.options.max_ar_order, **data.block_arguments)
-    for number in range(PAST_ROUNDS):
+    untested = set(pending)
+    for _ in range(PAST_ROUNDS):
         if not pending:
             break
         noise = fit_noise(data, choices, pending, shared)
-        found = _past(data, choices, shared, further, pending, noise)
+        pool = sorted({j for r in pending for j in (*choices[r].result.selected, *_linear(choices[r]))})
+        found = _past(data, choices, shared, further, pending, noise, pool)
         for r, past, models in zip(list(pending), found, noise, strict=True):
-            if not number and rows == "auto" and not is_needed(past, choices[r].prewhitening_dropped is not None):
+            first = r in untested
+            untested.discard(r)
+            if first and rows == "auto" and not is_needed(past, choices[r].prewhitening_dropped is not None):
                 pending.remove(r)
                 continue
-            choices[r] = _eliminate(replace(choices[r], noise=models, past=past, prewhitening_dropped=None))
-            if past.test_instruments()[1] < SIGNIFICANCE:
+            before = choices[r].result.selected
+            choices[r] = replace(choices[r], noise=models, past=past, prewhitening_dropped=None)
+            choices[r] = _eliminate(choices[r], pool, _linear(choices[r]) if first else ())
+            if first and set(choices[r].result.selected) != set(before):
+                # The noise model was that of false terms; the next is that of those kept, as sampled.
+                choices[r] = replace(choices[r], past=None)
+            elif past.test_instruments()[1] < SIGNIFICANCE:
                 # The residual is not that of the truth, and its noise model would change the estimates further.
                 pending.remove(r)
     return choices
 
 
-def _eliminate(choice: Choice) -> Choice:
-    """The choice without the terms that what the past predicts does not show."""
+def _linear(choice: Choice) -> list[int]:
+    """Candidates of degree one that may be added: none where the terms are given or limited."""
+    search, options = choice.search, choice.search.options
+    if search.fixed is not None or options.max_terms is not None or options.correlation_limit is not None:
+        return []
+    return np.flatnonzero((search.constraints.degrees == 1) & ~search.hidden).tolist()
+
+
+def _eliminate(choice: Choice, pool: Sequence[int], linear: Sequence[int]) -> Choice:
+    """The choice without the terms that causal rows do not show.
+
+    Linear terms are added first: products may have taken their effect in the samples as they are.
+
+    Parameters
+    ----------
+    choice : Choice
+    pool : sequence of int
+        Candidates of which the products are.
+    linear : sequence of int
+        Those to add.
+    """
     past, search, result = choice.past, choice.search, choice.result
     if past is None or search.fixed is not None:
         return choice
-    number = dict(zip(past.terms, result.selected, strict=True))  # candidates of the products -> of the pool
-    F_out = thresholds(search.options, search.constraints.degrees.size, result.dof)[1]
-    include = [i for i, j in number.items() if j in search.constraints.include]
-    left = past.source.eliminate(past.terms, F_out, include)
-    if not left:
+    place, degrees = {j: i for i, j in enumerate(pool)}, search.constraints.degrees
+    selected = [place[j] for j in result.selected]
+    added = [place[j] for j in linear if j not in result.selected]
+    left = past.source.eliminate(
+        [*selected, *added],
+        thresholds(search.options, degrees.size, result.dof)[1],
+        degrees[list(pool)],
+        include=[place[j] for j in search.constraints.include if j in result.selected],
+        confounders=[i for i in selected if degrees[pool[i]] == 1],
+    )
+    fit = left[-1][-1] if left else past.source.fit_terms([*selected, *added])
+    leaving = [(i, F, of) for i, F, of in left if i not in added]
+    entering = [(i, float(F), fit) for i, F in zip(fit.terms, fit.partial_F, strict=True) if i in added]
+    if not leaving and not entering:
         return choice
-    steps = [SearchStep("leave", number[i], -1, F, np.nan, fit.rss, len(fit.terms)) for i, F, fit in left]
-    fit = left[-1][-1]
-    reason = f"{result.stop_reason}; {count_of(len(left), 'term')} not shown by causal rows"
-    kept = tuple(number[i] for i in fit.terms)
+    steps = [
+        SearchStep(action, pool[i], -1, F, np.nan, of.rss, len(of.terms))
+        for action, moves in (("leave", leaving), ("enter", entering))
+        for i, F, of in moves
+    ]
+    reason = f"{result.stop_reason}; {count_of(len(leaving), 'term')} not shown by causal rows"
+    if entering:
+        reason += f", {count_of(len(entering), 'linear term')} shown by them only"
+    kept = tuple(pool[i] for i in fit.terms)
     result = replace(result, selected=kept, rss=fit.rss, steps=(*result.steps, *steps), stop_reason=reason)
     return replace(choice, result=result, past=fit)
 
@@ -230,11 +273,11 @@ def _past(
     further: ResponseModels,
     responses: list[int],
     noise: Sequence[tuple[ARNoise, ...]],
+    pool: list[int],
 ) -> list[PastFit]:
     """The selected terms of these responses estimated by what the past predicts, given the models chosen so far."""
     models, reduced = models_of(data, choices, range(len(choices)), shared)
     sources = [CombinedData(*pair) for pair in zip(reduced, data.companions, strict=True)] if further.theta else reduced
-    pool = sorted({j for r in responses for j in choices[r].result.selected})
     degrees = data.exponents.sum(axis=1)
     products = instrumented_products(
         sources,

@@ -50,6 +50,28 @@ NO_MODELS = ResponseModels((), ())
 
 
 @dataclass(frozen=True)
+class FlowAngles:
+    """The manoeuvres with alpha and beta, in which turbulence shows.
+
+    Attributes
+    ----------
+    sources : sequence of DataSource
+        Their base signals are those of the candidates and the flow angles.
+    positions : tuple of int
+        Base signals that are flow angles; empty where turbulence is not to be looked for.
+    scales : (s,) array, (m,) array, optional
+        Where they are known.
+    """
+
+    sources: Sequence[DataSource] = ()
+    positions: tuple[int, ...] = ()
+    scales: Scales | None = None
+
+
+NO_FLOW_ANGLES = FlowAngles()
+
+
+@dataclass(frozen=True)
 class EngineData:
     """What is read, by whom, with what progress."""
 
@@ -60,7 +82,7 @@ class EngineData:
     runner: JobRunner
     progress: Progress | None
     companions: Sequence[DataSource] = ()
-    flow_angles: tuple[int, ...] = ()
+    flow_angles: FlowAngles = NO_FLOW_ANGLES
 
     @property
     def blocks(self) -> int:

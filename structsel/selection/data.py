@@ -161,6 +161,14 @@ class DataSummary:
         variance = float(n @ (stds**2 + (means - mean) ** 2) / n.sum())
         return ChannelStatistics(min(p.low for p in parts), max(p.high for p in parts), mean, float(np.sqrt(variance)))
 
+    def complete(self, channels: Sequence[str]) -> list[str]:
+        """Those of these channels that every recording has, all of it finite."""
+        return [
+            name
+            for name in channels
+            if all(name in recording and np.isfinite(recording[name]).all() for recording in self.recordings)
+        ]
+
     def sources(self, candidates: Candidates, responses: Sequence[str]) -> list[RecordingData]:
         """The recordings as the engine reads them."""
         return [RecordingData(recording, candidates, tuple(responses)) for recording in self.recordings]

@@ -23,7 +23,7 @@ from structsel.selection.aliases import find_aliases, find_dependent
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.biased import estimate_biased
 from structsel.selection.causal import constants_of_past, use_past
-from structsel.selection.choices import Choice, EngineData, Progress
+from structsel.selection.choices import NO_FLOW_ANGLES, Choice, EngineData, FlowAngles, Progress
 from structsel.selection.constants import choose_constants
 from structsel.selection.heterogeneity import Heterogeneity, find_heterogeneity
 from structsel.selection.methods import SearchConstraints
@@ -54,7 +54,7 @@ def select_arrays(
     scales: Scales | None = None,
     runner: JobRunner | None = None,
     companions: Sequence[DataSource] = (),
-    flow_angles: Sequence[int] = (),
+    flow_angles: FlowAngles = NO_FLOW_ANGLES,
 ) -> list[ArraySelection]:
     """Select the terms of every response of these manoeuvres.
 
@@ -73,8 +73,8 @@ def select_arrays(
         Who goes through the data; this process where absent.
     companions : sequence of DataSource
         The manoeuvres with further responses, whose residuals show what acts on several responses at once.
-    flow_angles : sequence of int
-        Base signals in which turbulence shows.
+    flow_angles : FlowAngles
+        In which turbulence shows.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def select_arrays(
         runner or JobRunner(),
         progress,
         companions,
-        tuple(flow_angles),
+        flow_angles,
     )
     plain = cross_products(
         manoeuvres,

@@ -13,7 +13,7 @@ import numpy as np
 from structsel.candidates import Candidates, Term
 from structsel.deprecation import renamed_arguments
 from structsel.errors import ArgumentError, SelectionError
-from structsel.nomenclature import COEFFICIENTS, FLOW_ANGLES
+from structsel.nomenclature import BODY_RATES, COEFFICIENTS, CONTROL_SURFACES, FLOW_ANGLES
 from structsel.numerics import criteria
 from structsel.numerics.blocks import JobRunner
 from structsel.numerics.past_data import SIGNAL_LAGS
@@ -23,6 +23,7 @@ from structsel.recording.arguments import as_recordings, require_names
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.causal import LONGEST_LAG
 from structsel.selection.checkpoint import Checkpoint
+from structsel.selection.choices import NO_FLOW_ANGLES, FlowAngles
 from structsel.selection.data import AnyRecording, DataSummary, RecordingData, summarise_recordings
 from structsel.selection.diagnostics import Alias, find_warnings, to_separate
 from structsel.selection.engine import Progress, select_arrays
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _CALL = "select(recordings, responses, candidates)"
+_MOTION = (*FLOW_ANGLES, *BODY_RATES, *CONTROL_SURFACES)
 SPELLED_OUT = 12  # recordings of a part held out whose names are all given
 
 
@@ -119,7 +121,7 @@ def select(
             scales=data.scales,
             runner=JobRunner(client, store),
             companions=_companions(data, candidates, wanted) if options.rows != "sampled" else [],
-            flow_angles=_flow_angles(candidates, data.dt),
+            flow_angles=_flow_angles(data, candidates, wanted),
         )
     named = {r: _named(r, one, candidates, data, options, tuple(given)) for r, one in zip(wanted, found)}
     return named[responses] if isinstance(responses, str) else Selections(named)
@@ -160,21 +162,22 @@ def _checkpoint(path: str | Path | None, data: DataSummary, *asked: object) -> I
 
 def _companions(data: DataSummary, candidates: Candidates, wanted: Sequence[str]) -> list[RecordingData]:
     """The recordings with the other coefficients, where all have them; empty where there are none."""
-    others = [
-        name
-        for name in COEFFICIENTS
-        if name not in wanted
-        and name not in candidates.channels
-        and all(name in recording and np.isfinite(recording[name]).all() for recording in data.recordings)
-    ]
+    others = [name for name in COEFFICIENTS if name not in wanted and name not in candidates.channels]
+    others = data.complete(others)
     return data.sources(candidates, others) if others else []
 
 
-def _flow_angles(candidates: Candidates, dt: float) -> list[int]:
-    """Base signals in which turbulence shows; none where the lags of the instruments are long for the aircraft."""
-    if SIGNAL_LAGS[0] * dt > LONGEST_LAG:
-        return []
-    return [i for i, factor in enumerate(candidates.base) if str(factor) in FLOW_ANGLES]
+def _flow_angles(data: DataSummary, candidates: Candidates, wanted: Sequence[str]) -> FlowAngles:
+    """The recordings with the flow angles that they have, and the rates and surfaces whose past predicts these.
+
+    None where the instruments' lags are long for the aircraft.
+    """
+    if SIGNAL_LAGS[0] * data.dt > LONGEST_LAG:
+        return NO_FLOW_ANGLES
+    further = data.complete([name for name in _MOTION if name not in candidates.channels])
+    signals = candidates + Candidates.parse(further) if further else candidates
+    positions = tuple(i for i, factor in enumerate(signals.base) if str(factor) in FLOW_ANGLES)
+    return FlowAngles(data.sources(signals, wanted[:1]), positions, None if further else data.scales)
 
 
 def _positions(candidates: Candidates, terms: Iterable[Term | str]) -> list[int]:
