@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from structsel.diagnosis import assembling, ranking, weighing
+from structsel.diagnosis import members, ranking, weighing
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.diagnose import unpredicted
 from structsel.diagnosis.notes import notes
@@ -73,7 +73,7 @@ def test_an_effect_that_adds_nearly_nothing_to_others_is_no_finding(monkeypatch)
     # The second explains a hundredth of what both do, but much of CZ.
     assert {f.effect for f in make_findings(found, lambda axes: {})} == both
     assert found.only(both) is found
-    monkeypatch.setattr(assembling, "_NEGLIGIBLE", 0.9)
+    monkeypatch.setattr(members, "_NEGLIGIBLE", 0.9)
     (finding,) = make_findings(found, lambda axes: {})
     assert (finding.effect, finding.fraction) == ("control-nonlinearity", 1.0)
     (step,) = found.only({finding.effect}).steps

@@ -12,7 +12,7 @@ from statsmodels.discrete.conditional_models import ConditionalLogit
 
 from proof import calibrate
 from structsel.diagnosis import judging, scoring, size_evidence, weighing
-from structsel.diagnosis.assembling import Member, explained_fractions
+from structsel.diagnosis.members import Member, explained_fractions
 from structsel.diagnosis.size_evidence import beyond_form, jackknifed
 from structsel.effects.base import EffectParameter
 from structsel.numerics.evidence import Trial
