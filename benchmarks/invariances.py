@@ -1,10 +1,12 @@
 """Invariances of a diagnosis: the same flights described or sampled in another way must have the same answer.
 
     python benchmarks/invariances.py out/proof/cases/*            # folders with aircraft.toml, recordings and simulated
+    python benchmarks/invariances.py --model                      # a model against files of its coefficients
 
 Order, names, clock origin, units, mirror image and rounding change nothing: verdict and first name must stay, and
 probabilities may move by 0.02. Cutting every recording in two, half the sampling rate and 0.02 s between the vanes and
-the rest change the data a little: probabilities may move by 0.1.
+the rest change the data a little: probabilities may move by 0.1. So may they between a model and files of the
+coefficients that it has along the recordings, which is tried on demonstration flights whose model lacks one term.
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 import warnings
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -53,9 +56,11 @@ class Answer:
     @classmethod
     def of(cls, problem: Problem) -> Answer:
         """Diagnose."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            found = ss.diagnose({r.name: r for r in problem.simulated}, problem.recordings, problem.aircraft)
+        return cls.to(ss.diagnose({r.name: r for r in problem.simulated}, problem.recordings, problem.aircraft))
+
+    @classmethod
+    def to(cls, found: ss.Diagnosis) -> Answer:
+        """The answer of a diagnosis."""
         named = [f for f in found.findings if f.kind != "random"]
         names = {p.effect: p.probability for p in named[0].physics} if named else {}
         return cls(found.verdict, named[0].effect if named else "", names, found.probability)
@@ -142,6 +147,24 @@ EXACT = {
 NEAR = {"cut in halves": halves, "half the sampling rate": slower, f"vanes {DELAY:g} s late": vanes_late}
 
 
+LACKING = (
+    None, ("Cm", "beta^2"), ("Cm", "q_hat"), ("Cl", "alpha*da"), ("CX", "alpha^3"), ("Cn", "beta^3"),
+    ("CZ", "beta^2*de"),
+)  # fmt: skip
+
+
+def model_and_files(lacking: tuple[str, str] | None, turbulence: float) -> tuple[Answer, Answer]:
+    """Answers to a model of the demonstration flights, and to files of its coefficients."""
+    recordings, aircraft, truth = ss.demo_flights(6, 21, turbulence=turbulence)
+    if lacking is not None:
+        del truth[lacking[0]][lacking[1]]
+    model = ss.AeroModel.from_terms(truth)
+    along = ss.compute_all(recordings, aircraft)
+    files = {r.name: Recording(r.name, r.t, dict(model.evaluate(r, outside="ignore"))) for r in along}
+    one, other = (ss.diagnose(simulation, recordings, aircraft) for simulation in (model, files))
+    return Answer.to(one), Answer.to(other)
+
+
 def read(folder: Path) -> Problem:
     """A case."""
     return Problem(
@@ -154,16 +177,25 @@ def read(folder: Path) -> Problem:
 def main() -> None:
     """Diagnose every case and its variants, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("cases", nargs="+", type=Path, help="folders")
+    parser.add_argument("cases", nargs="*", type=Path, help="folders")
+    parser.add_argument("--model", action="store_true", help="a model against files, on demonstration flights")
     a = parser.parse_args()
-    rows: dict[str, list[tuple[bool, bool, float]]] = {name: [] for name in (*EXACT, *NEAR)}
+    warnings.simplefilter("ignore")
+    rows: dict[str, list[tuple[bool, bool, float]]] = defaultdict(list)
+
+    def compare(what: str, change: str, plain: Answer, other: Answer) -> None:
+        rows[change].append((other.verdict == plain.verdict, other.first == plain.first, plain.moved(other)))
+        print(f"{what}: {change}: {plain} -> {other}", file=sys.stderr, flush=True)
+
     for folder in a.cases:
         problem = read(folder)
         plain = Answer.of(problem)
         for name, change in (EXACT | NEAR).items():
-            other = Answer.of(change(problem))
-            rows[name].append((other.verdict == plain.verdict, other.first == plain.first, plain.moved(other)))
-            print(f"{folder.name}: {name}: {plain} -> {other}", file=sys.stderr, flush=True)
+            compare(folder.name, name, plain, Answer.of(change(problem)))
+    if a.model:
+        for lacking in LACKING:
+            for turbulence in (0.0, 1.0):
+                compare(f"without {lacking}", "files in place of a model", *model_and_files(lacking, turbulence))
     print("| change | cases | same verdict | same first name | largest change of a probability | median |")
     print("|---|---|---|---|---|---|")
     for name, each in rows.items():
