@@ -11,7 +11,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.flow_angle_delays import FlowAngleDelay, find_flow_angle_delays
 from structsel.comparison.prediction_filter import Filter
 from structsel.comparison.simulations import OpenedSimulation
-from structsel.formatting import join_names
+from structsel.formatting import format_estimate, join_names
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import delayed
@@ -72,7 +72,7 @@ def align(made: Flown, recordings: Sequence[Recording], simulation: OpenedSimula
     if simulation.along:
         others.append(compare(earlier, _evaluated_earlier(simulation, others[0][0], flights, probable)))
     agreed, (best, noticed) = max(((agreement(one[0]), one) for one in others), key=lambda pair: pair[0])
-    says = join_names([f"{_PLAIN[d.channel]} by {d.delay:.3g} +- {d.std:.1g} s" for d in probable])
+    says = join_names([f"{_PLAIN[d.channel]} by {format_estimate(d.delay, d.std, 's')}" for d in probable])
     late = f"accelerometers and gyros show a delay of {says}"
     if not simulation.along and agreed <= agreement(flights):
         return Alignment(flights, remarks=(*remarks, f"{late}, which the simulation has too: it stays"))

@@ -64,7 +64,7 @@ class Flight:
         Of a model that was identified from recordings: the same of its residual there, without white noise. What the
         recordings contain and the model lacks is part of it.
     integrated : mapping of channel to (n,) array
-        Changes of V, alpha and beta at the centre of gravity since the first sample, from accelerometers and gyros.
+        Changes of alpha and beta at the centre of gravity since the first sample, from accelerometers and gyros.
     sequence : str
         Name of the first recording of the flight, where it was cut into several; else empty.
     """

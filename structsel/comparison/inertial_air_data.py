@@ -11,6 +11,7 @@ import scipy
 from structsel.aircraft import Aircraft
 from structsel.comparison.responses import KINEMATIC, Rate, predicted_rates
 from structsel.errors import StructselWarning
+from structsel.nomenclature import FLOW_ANGLES
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.air_data import air_data_at_cg, air_data_at_sensor, body_velocity
 from structsel.numerics.arrays import Array
@@ -55,7 +56,7 @@ def inertial_channels(
     inertial : frozenset of str
         Channels with drifts only.
     ahead : dict of channel to (n,) array
-        Predicted changes since the first sample, of V, alpha and beta at the centre of gravity.
+        Predicted changes of alpha and beta at the centre of gravity since the first sample.
     """
     ch = {**smooth, **raw}
     rates = (ch["p"], ch["q"], ch["r"])
@@ -82,7 +83,7 @@ def inertial_channels(
     carried = [air_data_at_sensor(x["V"], x["alpha"], x["beta"], *still, place) for x in (with_gusts, made)]
     smooth.update(zip(air_data, carried[1]))
     smooth.update({c: made[c] for c in ("phi", "theta", "psi")})
-    return dict(zip(air_data, carried[0])), frozenset(inertial), {c: x for c, x in ahead.items() if c in air_data}
+    return dict(zip(air_data, carried[0])), frozenset(inertial), {c: x for c, x in ahead.items() if c in FLOW_ANGLES}
 
 
 def _drift(x: Array, t: Array) -> Array:

@@ -10,7 +10,7 @@ from structsel.diagnosis import judging
 from structsel.diagnosis.result import Bars, EffectFinding, Physics
 from structsel.effects.base import ParameterEstimate
 from structsel.effects.wording import INSTRUMENTS
-from structsel.formatting import as_sentence, join_names
+from structsel.formatting import as_sentence, format_estimate, join_names
 from structsel.numerics.arrays import Array
 
 _SHOWN = 0.01  # fraction by which the rms of the differences of a listed response decreases
@@ -47,7 +47,7 @@ def removed_delays(prepared: PreparedComparison, responses: Sequence[str]) -> li
 
 
 def _says(one: FlowAngleDelay) -> str:
-    return f"{INSTRUMENTS[one.channel]} is delayed by {one.delay:.3g} +- {one.std:.1g} s"
+    return f"{INSTRUMENTS[one.channel]} is delayed by {format_estimate(one.delay, one.std, 's')}"
 
 
 def _varying(signals: Sequence[Mapping[str, Array]], responses: Sequence[str]) -> judging.Residuals:
