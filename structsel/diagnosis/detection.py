@@ -13,7 +13,9 @@ from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.past_motion import DELAY, delayed
 from structsel.comparison.tolerances import Nuisance
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, explained_by_form
+from structsel.diagnosis.isolated import IsolatedResidual, find_isolated
 from structsel.diagnosis.problem import DiagnosisProblem
+from structsel.diagnosis.residuals import residuals
 from structsel.diagnosis.result import Event
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
@@ -61,12 +63,15 @@ class Detection:
         A step, pulse or ramp; one for each flight.
     deviations : tuple of (Nuisance, mean, standard deviation)
         Of the stated parameters, with no tolerance exceeded [stated tolerances].
+    isolated : IsolatedResidual, optional
+        The residual that lasts most.
     """
 
     tolerances: tuple[ExceededTolerance, ...]
     remainder: dict[str, float]
     events: list[tuple[float, Event]]
     deviations: tuple[tuple[Nuisance, float, float], ...] = ()
+    isolated: IsolatedResidual | None = None
 
     @property
     def parts(self) -> dict[str, float]:
@@ -79,6 +84,8 @@ class Detection:
     @property
     def axes(self) -> tuple[str, ...]:
         """Responses with evidence of the mismatch, the largest first."""
+        if self.isolated is not None and self.is_isolated:
+            return (self.isolated.response,)
         largest = max(self.remainder.values())
         shown = [c for c, x in self.remainder.items() if x > _SHOWN * largest or x == largest]
         return tuple(sorted(shown, key=lambda c: -self.remainder[c]))
@@ -91,9 +98,20 @@ class Detection:
         return first, float(np.logaddexp(*each))
 
     @property
+    def probability_by_rows(self) -> float:
+        """Probability of a mismatch that prediction errors show."""
+        return float(scipy.special.expit(np.logaddexp(*self.log_odds)))
+
+    @property
     def probability(self) -> float:
         """Probability that the mismatch is there."""
-        return float(scipy.special.expit(np.logaddexp(*self.log_odds)))
+        alone = self.isolated.probability if self.isolated is not None else 0.0
+        return 1.0 - (1.0 - self.probability_by_rows) * (1.0 - alone)
+
+    @property
+    def is_isolated(self) -> bool:
+        """Whether a residual of one response alone is more probable than a mismatch that prediction errors show."""
+        return self.isolated is not None and self.isolated.probability > self.probability_by_rows
 
     @property
     def cause_probabilities(self) -> list[float]:
@@ -117,6 +135,8 @@ class Detection:
     @property
     def says(self) -> str:
         """One plain sentence."""
+        if self.isolated is not None and self.is_isolated:
+            return self.isolated.says
         if self.is_tolerance:
             return f"Tolerances are exceeded, this one above all: {self.tolerances[0].says}"
         size = f"log Bayes factor {self.log_bayes:.0f}"
@@ -133,7 +153,7 @@ class Detection:
     @property
     def event(self) -> tuple[Event, ...]:
         """The most probable event, if it is more probable than the other kinds of mismatch."""
-        if self.is_tolerance or self.parts["event"] < self.parts["remainder"]:
+        if self.is_isolated or self.is_tolerance or self.parts["event"] < self.parts["remainder"]:
             return ()
         return (max(self.events, key=lambda one: one[0])[1],)
 
@@ -171,7 +191,8 @@ def detect(flights: Sequence[Flight], problem: DiagnosisProblem) -> Detection | 
         best.setdefault(one.tolerance.name, one)
     std = np.sqrt(np.diag(null.covariance))
     deviations = tuple((n, float(m), float(s)) for n, m, s in zip(rows.tolerances, null.mean, std))
-    return Detection(tuple(best.values()), remainder, events, deviations)
+    isolated = find_isolated(flights, residuals(problem))
+    return Detection(tuple(best.values()), remainder, events, deviations, isolated)
 
 
 def _unknown_function(

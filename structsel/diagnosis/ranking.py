@@ -166,8 +166,9 @@ def with_detection(
 ) -> dict[str, float]:
     """Probabilities after the detection of any mismatch, "unknown" among them.
 
-    The probability of the mismatch is distributed over the effects, the exceeded tolerances and "unknown" (an unknown
-    function or an event) by the largest log Bayes factor of each.
+    The probability of a mismatch that prediction errors show is distributed over the effects, the exceeded tolerances
+    and "unknown" (an unknown function or an event) by the largest log Bayes factor of each. That of a residual in one
+    response alone belongs to "unknown": no effect explains it.
 
     Parameters
     ----------
@@ -179,8 +180,8 @@ def with_detection(
     named : collection of str
         Effects that may be named.
     """
-    beyond = p["nothing"] * seen.probability
-    made = dict(p) | {"nothing": p["nothing"] - beyond}
+    beyond = p["nothing"] * seen.probability_by_rows
+    made = dict(p) | {"nothing": p["nothing"] * (1.0 - seen.probability)}
     largest = max((log_bayes(one.score) for one in candidates), default=-np.inf)
     exceeded = seen.tolerances[0].log_bayes if seen.tolerances else -np.inf
     of_effects, of_tolerances, _ = beyond * softmax(np.array([largest, exceeded, seen.log_bayes]) / SCALE)

@@ -1,0 +1,81 @@
+"""A residual that lasts in one moment alone is a mismatch without a name."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from structsel.diagnosis.detection import Detection, detect
+from structsel.diagnosis.isolated import IsolatedResidual, find_isolated, lasting_residuals
+from structsel.diagnosis.problem import DiagnosisProblem
+from structsel.diagnosis.ranking import with_detection
+from structsel.diagnosis.result import Event
+from tests.noisy_flights import flights_with
+
+DT = 0.02
+FLIGHT = SimpleNamespace(dt=DT, measured={c: np.sqrt(2.0) * np.sin(np.arange(50_000)) for c in ("CX", "CZ", "Cm")})
+
+
+def test_a_wave_lasts_by_its_own_correlation_and_noise_hardly_does():
+    t = np.arange(50_000) * DT
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal(t.size)
+    found = lasting_residuals(
+        [FLIGHT], [{"CX": noise, "CZ": np.sin(2.0 * np.pi * 0.2 * t), "Cm": np.gradient(noise, DT)}]
+    )
+    # A mean over 0.3 s has the wave times a sine over its argument; 0.6 s later its correlation is a cosine.
+    expected = np.sqrt(0.5 * np.cos(2.0 * np.pi * 0.2 * 0.6)) * np.sinc(0.2 * 0.3)
+    assert found["CZ"] == pytest.approx(expected, rel=0.01)
+    # A mean has 15 samples; by chance 3,300 independent means have a covariance of a few per cent of their variance.
+    assert found["CX"] < 0.3 / np.sqrt(15)
+    assert found["Cm"] < 0.05 * np.std(np.gradient(noise, DT))
+
+
+@pytest.mark.parametrize(
+    ("size", "others", "low", "high"),
+    [
+        (0.05, 0.010, 0.95, 1.0),  # alone
+        (0.05, 0.020, 0.0, 0.5),  # others are not accurate
+        (0.10, 0.030, 0.0, 0.05),
+        (0.03, 0.012, 0.0, 0.05),  # as much as others may have
+        (0.02, 0.000, 0.05, 0.3),  # little
+    ],
+)
+def test_it_is_a_mismatch_where_it_is_large_beside_accurate_others(size, others, low, high):
+    assert low <= IsolatedResidual("Cm", size, others).probability <= high
+
+
+def slow(size: float) -> np.ndarray:
+    return size * np.sin(np.arange(50_000) * DT)
+
+
+def test_only_a_moment_is_alone_and_only_of_three_coefficients():
+    moment = find_isolated([FLIGHT], [{"CX": slow(0.01), "CZ": slow(0.005), "Cm": slow(0.1)}])
+    assert moment is not None
+    assert moment.response == "Cm"
+    assert moment.size == pytest.approx(10.0 * moment.others)
+    assert find_isolated([FLIGHT], [{"CX": slow(0.01), "CZ": slow(0.1), "Cm": slow(0.005)}]) is None
+    assert find_isolated([FLIGHT], [{"CZ": slow(0.01), "Cm": slow(0.1)}]) is None
+
+
+def test_a_periodic_moment_is_detected_and_a_correct_simulation_has_none():
+    correct = flights_with({}, speeds=(40.0, 45.0, 50.0, 55.0), h=(1000.0,) * 4)
+    alone = detect(correct, DiagnosisProblem.set_up(correct, ()))
+    assert alone.isolated is None or alone.isolated.probability < 0.05
+    wave = [np.sin(2.0 * np.pi * 0.37 * f.t) * 0.15 * f.measured["Cm"].std() for f in correct]
+    forced = [replace(f, measured={**f.measured, "Cm": f.measured["Cm"] + w}) for f, w in zip(correct, wave)]
+    found = detect(forced, DiagnosisProblem.set_up(forced, ()))
+    assert found.isolated is not None
+    assert (found.axes, found.event) == (("Cm",), ())
+    assert found.probability > 0.9
+    assert found.probability_by_rows < 0.5
+    assert found.says.startswith("The residual of Cm lasts as that of no other response does: ")
+
+
+def test_its_probability_is_that_of_unknown():
+    seen = Detection((), {"Cm": -5.0}, [(-3.0, Event("m", 2.0, 0.5, "step"))], (), IsolatedResidual("Cm", 0.08, 0.01))
+    p = with_detection({"nothing": 0.8, "gust": 0.2}, seen, (), {"gust"})
+    assert p["gust"] == 0.2
+    assert p["unknown"] == pytest.approx(0.8 * seen.probability)
+    assert sum(p.values()) == pytest.approx(1.0)
