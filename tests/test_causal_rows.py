@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.signal import lfilter
 from statsmodels.sandbox.regression.gmm import IV2SLS
 
@@ -118,6 +119,21 @@ def test_a_term_without_effect_is_eliminated_by_the_past():
     assert [number for number, _, _ in left] == [2]
     kept = instrumented(x, response).eliminate([0, 1, 2], 12.0, DEGREES, include=[2])
     assert kept == []
+
+
+def test_partial_F_has_the_part_of_sargans_factor_that_is_beyond_chance():
+    x, y, _ = two_signals()
+    fit = instrumented(x, y).fit_terms([0, 1, 2])
+    F, k = fit.test_instruments()[0], 6 + 1 - 3  # two signals at three lags and a product; three terms
+    critical = stats.f.isf(0.05, k, 600 - 1 - 7)
+    assert 1.0 < F < critical
+    textbook = (fit.slopes / fit.standard_errors(1.0)) ** 2
+    np.testing.assert_allclose(fit.partial_F, textbook, rtol=1e-12)
+    doubted = instrumented(x, y + 0.5 * lagged(x[1], SIGNAL_LAGS[1])).fit_terms([0, 1, 2])
+    F = doubted.test_instruments()[0]
+    assert 2.0 * critical < F
+    textbook = (doubted.slopes / doubted.standard_errors(1.0)) ** 2
+    np.testing.assert_allclose(doubted.partial_F, textbook * critical / F, rtol=0.01)
 
 
 def test_terms_of_the_highest_degree_are_eliminated_first():

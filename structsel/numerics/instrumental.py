@@ -42,6 +42,8 @@ from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.least_squares import LeastSquaresFit, with_mean_constant
 from structsel.numerics.normal_equations import Projection, project, solve_normal_equations
 
+CHANCE = 0.05
+"""Probability of a larger F of Sargan's with valid instruments, up to which it is no reason to eliminate a term."""
 MOVED = 1.0
 """Standard errors by which a parameter moves where a linear term leaves, above which that term stays: without it the
 others would be biased by more than their errors."""
@@ -205,19 +207,24 @@ class PastFit:
         """Residual sum of squares, scaled."""
         return self._projection.rss
 
+    def standard_errors(self, dispersion: float) -> Array:
+        """(k,) scaled, with the variance times a factor."""
+        s2 = dispersion * self.rss / max(self.products.dof() - len(self.terms) - self.source.other.size, 1.0)
+        return np.sqrt(s2 * np.diag(self._projection.inverse)[1:])
+
     @property
     def partial_F(self) -> Array:
-        """(k,) partial F of the terms, with the variance of `fit`."""
-        s2 = self.dispersion * self.rss / max(self.products.dof() - len(self.terms) - self.source.other.size, 1.0)
-        variance = s2 * np.diag(self._projection.inverse)[1:]
+        """(k,) partial F of the terms; the variance has the part of Sargan's F that is beyond chance (5 %)."""
+        F, _, k, dof = self._instruments
+        beyond = F / scipy.stats.f.isf(CHANCE, k, dof) if k > 0 else 0.0
         with np.errstate(divide="ignore"):
-            return self.slopes**2 / variance
+            return (self.slopes / self.standard_errors(max(1.0, beyond))) ** 2
 
     def moved_from(self, larger: PastFit) -> float:
         """Largest difference of a parameter from its value in a model with more terms, in standard errors of this."""
         others = dict(zip(larger.terms, larger.slopes, strict=True))
         moved = self.slopes - np.array([others[j] for j in self.terms])
-        return float(np.max(np.abs(moved) * np.sqrt(self.partial_F) / np.abs(self.slopes), initial=0.0))
+        return float(np.max(np.abs(moved) / self.standard_errors(self.dispersion), initial=0.0))
 
     def test_exogeneity(self) -> tuple[float, float]:
         """F and its probability where the terms do not follow the residual (Durbin, Wu and Hausman)."""
@@ -230,6 +237,11 @@ class PastFit:
 
     def test_instruments(self) -> tuple[float, float]:
         """F and its probability where the instruments do not follow the residual (Sargan)."""
+        return self._instruments[:2]
+
+    @cached_property
+    def _instruments(self) -> tuple[float, float, int, float]:
+        """Sargan's F, its probability, and its degrees of freedom."""
         E, p, z = self.source.without_residuals, self.source.n_candidates, self.source.n_instruments
         total = E.T @ self.source.products.total() @ E
         v = np.zeros(total.shape[0])
@@ -241,7 +253,8 @@ class PastFit:
         )
         alone, free = project(total, [0]), project(total, range(1 + z))
         dof = self.products.dof() - rank - self.source.other.size
-        return _test_reduction(alone.rss, free.rss, rank - len(self.terms), dof)
+        k = int(rank) - len(self.terms)
+        return *_test_reduction(alone.rss, free.rss, k, dof), k, dof
 
     @cached_property
     def dispersion(self) -> float:
