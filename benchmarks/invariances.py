@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from errors_in_real_recordings import Flown
 
 import structsel as ss
 from structsel.recording import Recording
@@ -159,8 +160,7 @@ def model_and_files(lacking: tuple[str, str] | None, turbulence: float) -> tuple
     if lacking is not None:
         del truth[lacking[0]][lacking[1]]
     model = ss.AeroModel.from_terms(truth)
-    along = ss.compute_all(recordings, aircraft)
-    files = {r.name: Recording(r.name, r.t, dict(model.evaluate(r, outside="ignore"))) for r in along}
+    files = Flown(recordings, aircraft, model).simulated()
     one, other = (ss.diagnose(simulation, recordings, aircraft) for simulation in (model, files))
     return Answer.to(one), Answer.to(other)
 

@@ -84,8 +84,8 @@ class Detection:
     @property
     def axes(self) -> tuple[str, ...]:
         """Responses with evidence of the mismatch, the largest first."""
-        if self.isolated is not None and self.is_isolated:
-            return (self.isolated.response,)
+        if self.alone is not None:
+            return (self.alone.response,)
         largest = max(self.remainder.values())
         shown = [c for c, x in self.remainder.items() if x > _SHOWN * largest or x == largest]
         return tuple(sorted(shown, key=lambda c: -self.remainder[c]))
@@ -105,13 +105,14 @@ class Detection:
     @property
     def probability(self) -> float:
         """Probability that the mismatch is there."""
-        alone = self.isolated.probability if self.isolated is not None else 0.0
-        return 1.0 - (1.0 - self.probability_by_rows) * (1.0 - alone)
+        in_one = self.isolated.probability if self.isolated is not None else 0.0
+        return 1.0 - (1.0 - self.probability_by_rows) * (1.0 - in_one)
 
     @property
-    def is_isolated(self) -> bool:
-        """Whether a residual of one response alone is more probable than a mismatch that prediction errors show."""
-        return self.isolated is not None and self.isolated.probability > self.probability_by_rows
+    def alone(self) -> IsolatedResidual | None:
+        """The residual of one response, if a mismatch there is more probable than one that prediction errors show."""
+        one = self.isolated
+        return one if one is not None and one.probability > self.probability_by_rows else None
 
     @property
     def cause_probabilities(self) -> list[float]:
@@ -135,8 +136,8 @@ class Detection:
     @property
     def says(self) -> str:
         """One plain sentence."""
-        if self.isolated is not None and self.is_isolated:
-            return self.isolated.says
+        if self.alone is not None:
+            return self.alone.says
         if self.is_tolerance:
             return f"Tolerances are exceeded, this one above all: {self.tolerances[0].says}"
         size = f"log Bayes factor {self.log_bayes:.0f}"
@@ -153,7 +154,7 @@ class Detection:
     @property
     def event(self) -> tuple[Event, ...]:
         """The most probable event, if it is more probable than the other kinds of mismatch."""
-        if self.is_isolated or self.is_tolerance or self.parts["event"] < self.parts["remainder"]:
+        if self.alone is not None or self.is_tolerance or self.parts["event"] < self.parts["remainder"]:
             return ()
         return (max(self.events, key=lambda one: one[0])[1],)
 

@@ -42,10 +42,19 @@ def gather(ranking: Ranking) -> list[Member]:
     return [Member(tuple(ranking.steps[k] for k in each), tuple(each)) for each in groups.values()]
 
 
-def squares_left(problem: DiagnosisProblem, members: Sequence[Member]) -> Array:
-    """Sum of squares of the residual of each judged response with some of the effects in the model, fitted again."""
-    fitted = problem.subset([k for m in members for k in m.places])
-    return np.array([residual_squares(fitted, c) for c in problem.judged_responses])
+def with_members(problem: DiagnosisProblem, members: Sequence[Member]) -> DiagnosisProblem:
+    """The problem with some of the effects in the model, fitted again."""
+    return problem.subset([k for m in members for k in m.places])
+
+
+def squares_left(problem: DiagnosisProblem, responses: Sequence[str]) -> Array:
+    """Sum of squares of the residual of each response."""
+    return np.array([residual_squares(problem, c) for c in responses])
+
+
+def squared_deviations(problem: DiagnosisProblem) -> float:
+    """Sum of the squared deviations of stated tolerances [tolerances^2]."""
+    return float(sum(x**2 for n, x in zip(problem.nuisances, problem.deviations[0]) if n.effect))
 
 
 def needed(problem: DiagnosisProblem, members: Sequence[Member]) -> list[Member]:
@@ -54,25 +63,19 @@ def needed(problem: DiagnosisProblem, members: Sequence[Member]) -> list[Member]
     Where tolerances can take the place of an effect it explains little, but they deviate by more without it: it stays
     if the sum of their squared deviations grows by that of one exceeded tolerance.
     """
-    kept = list(members)
+    kept, responses = list(members), problem.judged_responses
     while len(kept) > 1:
-        all_left, stated = squares_left(problem, kept), squared_deviations(problem, kept)
-        adds = []
+        complete, adds = with_members(problem, kept), []
+        all_left, stated = squares_left(complete, responses), squared_deviations(complete)
         for i in range(len(kept)):
-            others = [*kept[:i], *kept[i + 1 :]]
-            left = np.maximum(squares_left(problem, others), np.finfo(float).tiny)
-            instead = squared_deviations(problem, others) - stated
+            without = with_members(problem, [*kept[:i], *kept[i + 1 :]])
+            left = np.maximum(squares_left(without, responses), np.finfo(float).tiny)
+            instead = squared_deviations(without) - stated
             adds.append(np.inf if instead > EVEN**2 else float(np.max(1.0 - all_left / left)))
         if min(adds) >= _NEGLIGIBLE:
             break
         del kept[int(np.argmin(adds))]
     return kept
-
-
-def squared_deviations(problem: DiagnosisProblem, members: Sequence[Member]) -> float:
-    """Sum of the squared deviations of stated tolerances with some of the effects in the model [tolerances^2]."""
-    fitted = problem.subset([k for m in members for k in m.places])
-    return float(sum(x**2 for n, x in zip(fitted.nuisances, fitted.deviations[0]) if n.effect))
 
 
 def explained_fractions(problem: DiagnosisProblem, members: Sequence[Member]) -> list[float]:
@@ -91,7 +94,8 @@ def explained_fractions(problem: DiagnosisProblem, members: Sequence[Member]) ->
 
     def left(taken: frozenset[int]) -> Array:
         if taken not in known:
-            known[taken] = squares_left(problem, [members[i] for i in sorted(taken)])
+            fitted = with_members(problem, [members[i] for i in sorted(taken)])
+            known[taken] = squares_left(fitted, problem.judged_responses)
         return known[taken]
 
     made = np.zeros(len(members))

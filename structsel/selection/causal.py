@@ -182,30 +182,27 @@ def use_past(data: EngineData, choices: list[Choice], shared: list[CrossProducts
         and enough_samples(choice.search.products.samples(), signals, len(choices) + companions, terms)
     ]
     rows = data.options.rows
-    if rows == "sampled" or data.options.noise != "ar" or not pending:
+    if not data.options.rows_may_be_causal or not pending:
         return choices
     if rows == "auto" and not turbulence_shows(data.flow_angles, **data.block_arguments):
         return choices
     further = NO_MODELS
     if companions:
         further = fit_companions(data.companions, companions, data.options.max_ar_order, **data.block_arguments)
-    untested = set(pending)
-    for _ in range(PAST_ROUNDS):
+    for number in range(PAST_ROUNDS):
         if not pending:
             break
         noise = fit_noise(data, choices, pending, shared)
-        pool = sorted({j for r in pending for j in (*choices[r].result.selected, *_linear(choices[r]))})
+        linear = {r: [] if number else _linear(choices[r]) for r in pending}
+        pool = sorted({j for r in pending for j in (*choices[r].result.selected, *linear[r])})
         found = _past(data, choices, shared, further, pending, noise, pool)
         for r, past, models in zip(list(pending), found, noise, strict=True):
-            first = r in untested
-            untested.discard(r)
-            if first and rows == "auto" and not is_needed(past, choices[r].prewhitening_dropped is not None):
+            if not number and rows == "auto" and not is_needed(past, choices[r].prewhitening_dropped is not None):
                 pending.remove(r)
                 continue
-            before = choices[r].result.selected
-            choices[r] = replace(choices[r], noise=models, past=past, prewhitening_dropped=None)
-            choices[r] = _eliminate(choices[r], pool, _linear(choices[r]) if first else ())
-            if first and set(choices[r].result.selected) != set(before):
+            before = replace(choices[r], noise=models, past=past, prewhitening_dropped=None)
+            choices[r] = _eliminate(before, pool, linear[r])
+            if not number and choices[r] is not before:
                 # The noise model was that of false terms; the next is that of those kept, as sampled.
                 choices[r] = replace(choices[r], past=None)
             elif past.test_instruments()[1] < SIGNIFICANCE:

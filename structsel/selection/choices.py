@@ -56,7 +56,7 @@ class FlowAngles:
     Attributes
     ----------
     sources : sequence of DataSource
-        Their base signals are those of the candidates and the flow angles.
+        Their base signals are those of the candidates, the flow angles, rates and surfaces.
     positions : tuple of int
         Base signals that are flow angles; empty where turbulence is not to be looked for.
     scales : (s,) array, (m,) array, optional

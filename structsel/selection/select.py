@@ -120,8 +120,8 @@ def select(
             progress,
             scales=data.scales,
             runner=JobRunner(client, store),
-            companions=_companions(data, candidates, wanted) if options.rows != "sampled" else [],
-            flow_angles=_flow_angles(data, candidates, wanted),
+            companions=_companions(data, candidates, wanted) if options.rows_may_be_causal else [],
+            flow_angles=_flow_angles(data, candidates, wanted) if options.rows_may_be_causal else NO_FLOW_ANGLES,
         )
     named = {r: _named(r, one, candidates, data, options, tuple(given)) for r, one in zip(wanted, found)}
     return named[responses] if isinstance(responses, str) else Selections(named)

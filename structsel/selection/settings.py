@@ -227,6 +227,11 @@ class SelectOptions:
         """The given criterion, or that of the method; None where F-tests decide."""
         return self.criterion if self.criterion is not None else METHODS[self.method].default_criterion
 
+    @property
+    def rows_may_be_causal(self) -> bool:
+        """Whether rows may be causal, by option or because turbulence shows."""
+        return self.rows != "sampled" and self.noise == "ar"
+
 
 def _check_choice(name: str, value: Any, hint: Any) -> None:
     """Refuse a value that is not among those of a Literal type, nor a number where the type allows one."""
