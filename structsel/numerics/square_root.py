@@ -12,11 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structsel.numerics.arrays import REORDERED, UNCOUNTED
+from structsel.numerics.arrays import REORDERED, UNCOUNTED, Array
 from structsel.numerics.compiling import njit
 
 SMALLEST_SPREAD, LARGEST_SPREAD = 0.52, 1.93
 """Between them the centre point's weight is not negative."""
+LANES = 16
+"""Numbers that a compiled loop handles at once; scratch is padded with zeros to a multiple, so none is left over."""
 _BETA = 2.0  # [H17]: best for normal distributions
 _LINEAR = 1e-3  # step of the central differences, in standard deviations
 
@@ -40,49 +42,64 @@ def sigma_points(spread: float, L: int) -> SigmaPoints:
     return SigmaPoints(False, float(spread * np.sqrt(L)), weight, float(centre), float(np.sqrt(0.5 * weight)))
 
 
+def padded(n: int) -> int:
+    """The next multiple of `LANES`."""
+    return -(-n // LANES) * LANES
+
+
+def aligned_zeros(rows: int, columns: int) -> Array:
+    """Zeros (rows, columns) that begin at a cache line: a read of what was just written across two lines is slow."""
+    line = 64 // 8
+    values = np.zeros(rows * columns + line)
+    first = -values.ctypes.data // 8 % line
+    return values[first : first + rows * columns].reshape(rows, columns)
+
+
 @njit(**REORDERED)
-def triangularise(A, rows, columns):  # type: ignore[no-untyped-def]
-    """Turn A (rows, columns) in place into [S 0] with S lower triangular and S S' = A A'."""
+def add_rows(total, sign, weights, rows, count, width):  # type: ignore[no-untyped-def]
+    """Add sign (weights[0] rows[0] + ...), of `count` rows, to the first `width` entries of `total`."""
+    k = 0
+    while k + 4 <= count:  # four rows together: the total is read and written once
+        a, b, c, d = sign * weights[k], sign * weights[k + 1], sign * weights[k + 2], sign * weights[k + 3]
+        for i in range(width):
+            total[i] += (a * rows[k, i] + b * rows[k + 1, i]) + (c * rows[k + 2, i] + d * rows[k + 3, i])
+        k += 4
+    while k < count:
+        a = sign * weights[k]
+        for i in range(width):
+            total[i] += a * rows[k, i]
+        k += 1
+
+
+@njit(**REORDERED)
+def triangularise(A, first, rows, columns, width, total):  # type: ignore[no-untyped-def]
+    """Turn `rows` rows of a matrix, from `first` on, into [S 0] with S lower triangular and the same S S', in place.
+
+    Its `columns` columns are the rows of A (C, width); its other rows are rotated too. `total` (width,) is scratch.
+    """
     for i in range(min(rows, columns)):
+        pivot = first + i
         scale = 0.0
-        for j in range(i + 1, columns):
-            scale += A[i, j] * A[i, j]
+        for c in range(i + 1, columns):
+            scale += A[c, pivot] * A[c, pivot]
         if scale == 0.0:
             continue
-        head = A[i, i]
+        head = A[i, pivot]
         norm = np.sqrt(head * head + scale)
         alpha = -norm if head > 0.0 else norm
         head -= alpha
-        A[i, i] = head
+        A[i, pivot] = head
         inverse = 2.0 / (head * head + scale)
-        k = i + 1
-        while k + 4 <= rows:  # four rows together: four independent sums
-            a, b, c, d = 0.0, 0.0, 0.0, 0.0
-            for j in range(i, columns):
-                h = A[i, j]
-                a += A[k, j] * h
-                b += A[k + 1, j] * h
-                c += A[k + 2, j] * h
-                d += A[k + 3, j] * h
-            a, b, c, d = a * inverse, b * inverse, c * inverse, d * inverse
-            for j in range(i, columns):
-                h = A[i, j]
-                A[k, j] -= a * h
-                A[k + 1, j] -= b * h
-                A[k + 2, j] -= c * h
-                A[k + 3, j] -= d * h
-            k += 4
-        while k < rows:
-            a = 0.0
-            for j in range(i, columns):
-                a += A[k, j] * A[i, j]
-            a *= inverse
-            for j in range(i, columns):
-                A[k, j] -= a * A[i, j]
-            k += 1
-        A[i, i] = alpha
-        for j in range(i + 1, columns):
-            A[i, j] = 0.0
+        for k in range(width):
+            total[k] = 0.0
+        add_rows(total, inverse, A[i:, pivot], A[i:], columns - i, width)
+        for c in range(i, columns):
+            h = A[c, pivot]
+            for k in range(width):
+                A[c, k] -= h * total[k]
+        A[i, pivot] = alpha
+        for c in range(i + 1, columns):
+            A[c, pivot] = 0.0
 
 
 @njit(**REORDERED)
@@ -119,40 +136,6 @@ def absorb(R, A, Y, S, rows, columns):  # type: ignore[no-untyped-def]
             for j in range(columns):
                 S[k, j] -= dot * A[b, j]
         R[b, b] = alpha
-
-
-@njit(**REORDERED)
-def solve_gain(cross, S, rows, m):  # type: ignore[no-untyped-def]
-    """Make cross (rows, m) := cross (S S')^-1 with S (m, m) lower triangular, in place."""
-    for i in range(rows):
-        for j in range(m):
-            total = cross[i, j]
-            for k in range(j):
-                total -= cross[i, k] * S[j, k]
-            cross[i, j] = total / S[j, j]
-        for j in range(m - 1, -1, -1):
-            solved = cross[i, j] / S[j, j]
-            cross[i, j] = solved
-            for k in range(j):
-                cross[i, k] -= solved * S[j, k]
-
-
-@njit(**UNCOUNTED)
-def lower_triangle(source, target):  # type: ignore[no-untyped-def]
-    """Copy the lower triangle, with zeros above."""
-    for i in range(len(target)):
-        for j in range(len(target)):
-            target[i, j] = source[i, j] if j <= i else 0.0
-
-
-@njit(**UNCOUNTED)
-def row_lengths(S, std):  # type: ignore[no-untyped-def]
-    """Standard deviations: lengths of the rows of a lower triangular root."""
-    for i in range(len(S)):
-        total = 0.0
-        for j in range(i + 1):
-            total += S[i, j] * S[i, j]
-        std[i] = np.sqrt(total)
 
 
 @njit(**UNCOUNTED)

@@ -11,6 +11,7 @@ from structsel.numerics.arrays import UNCOUNTED, Array
 from structsel.numerics.compiling import njit
 from structsel.numerics.kinematics import MEASUREMENTS, STATES
 from structsel.numerics.rotations import angles_of, cosines_of
+from structsel.numerics.square_root import aligned_zeros, padded
 
 PHI, THETA, PSI = (STATES.index(name) for name in ("phi", "theta", "psi"))
 """Places of the Euler angles in the full vector."""
@@ -84,13 +85,10 @@ class FilterWorkspace(NamedTuple):
     q2: Array  # (4,)
     noise: Array  # (6, 6)
     level: Array  # (6,)
-    before: Array  # (L, L) the columns of the root before the step
-    N: Array  # (L, m) their moving entries after it
-    A: Array  # (m, C) [FA E c N]
-    root: Array  # (m, C) its triangular factor
-    gain: Array  # (L,)
-    square: Array  # (m, m)
-    smoothing: Array  # (m, C)
+    N: Array  # (L, m) the moving entries of the columns of the root, one step later
+    A: Array  # (C, 2 P) columns of [FA E c N; A 0], each part padded; then of its triangular factor
+    gain: Array  # (L, P) of the smoother, transposed and padded
+    total: Array  # (2 P,)
     y_middle: Array  # (M,) readings at the points
     y_up: Array  # (L, M)
     y_down: Array  # (L, M)
@@ -103,8 +101,7 @@ class FilterWorkspace(NamedTuple):
     E: Array  # (M, L + 1) [E_y c_y]
     U: Array  # (M, M)
     move: Array  # (L,)
-    g: Array  # (L,)
-    h: Array  # (M,)
+    rows: Array  # (L + 1, W) [O T], padded, and the scratch of `unscented_update.absorb_reading`
     euler: Array  # (3, L) rows of the root for the Euler angles
 
 
@@ -112,12 +109,13 @@ def workspace(F: int, states: NDArray[np.int64], constants: int, drift: Array, l
     """Scratch for a full vector of F entries; the `constants` first states do not drift."""
     L, M, m = len(states), len(MEASUREMENTS), len(states) - constants
     C = m + INPUTS + int(np.sum(drift[states] > 0.0)) + (0 if linear else L + 1)
-    e = np.empty
+    e, P = np.empty, padded(m)
     return FilterWorkspace(
         *(e(F), e((L, F)), e((L, F)), e(F), e(F), e((3, 3)), e((3, 3)), e((3, 3)), e(4), e(4), e((6, 6)), e(6)),
-        *(e((L, L)), e((L, m)), e((m, C)), e((m, C)), e(L), e((m, m)), e((m, C)), np.zeros(M), np.zeros((L, M))),
+        *(e((L, m)), aligned_zeros(C, 2 * P), aligned_zeros(L, P), aligned_zeros(1, 2 * P)[0]),
+        *(np.zeros(M), np.zeros((L, M))),
         *(np.zeros((L, M)), np.zeros(M, dtype=np.bool_), np.zeros(M, dtype=np.int64), e(M), e(M), np.zeros((L, M))),
-        *(e((L, M)), e((M, L + 1)), e((M, M)), e(L), e(L), e(M), e((3, L))),
+        *(e((L, M)), e((M, L + 1)), e((M, M)), e(L), aligned_zeros(L + 1, padded(M + L)), e((3, L))),
     )
 
 

@@ -36,7 +36,7 @@ from structsel.numerics.kinematics import GUST
 from structsel.numerics.square_root import copy, triangularise
 from structsel.numerics.unscented_arrays import PHI, PSI, THETA, set_angles
 from structsel.numerics.unscented_prediction import adopt_prediction, predict
-from structsel.numerics.unscented_smoother import attitude_roots, store_smoother_step
+from structsel.numerics.unscented_smoother import attitude_roots, store_smoother_step, triangularise_with_root
 from structsel.numerics.unscented_update import compare, predict_readings, update
 
 COMPLETE, NOT_FINITE = 0, 1
@@ -58,12 +58,11 @@ def filter_samples(first, last, data, points, estimate, output, steps, work):  #
         if k > 0:
             # Prediction from sample k - 1.
             columns = predict(k, wide, data, points, estimate, work)
-            for i in range(work.A.shape[0]):
-                for c in range(columns):
-                    work.root[i, c] = work.A[i, c]
-            triangularise(work.root, work.A.shape[0], columns)
             if len(steps.gain):
+                triangularise_with_root(columns, data, estimate, work)
                 store_smoother_step(k - first, columns, data, estimate, work, steps)
+            else:
+                triangularise(work.A, 0, work.N.shape[1], columns, work.gain.shape[1], work.total)
             adopt_prediction(data, estimate, work)
             if not np.isfinite(estimate.full[THETA] + estimate.full[0]) or not np.isfinite(estimate.T[-1, -1]):
                 return total, k, NOT_FINITE

@@ -38,21 +38,21 @@ def predict(k, wide, data, points, estimate, work):  # type: ignore[no-untyped-d
             *(T, states, f, full, work.middle, work.C0, work.C1, a0, a1, dt, data.place, data.g, fade),
             *(work.column, work.N),
         )
-    for a in range(m):
-        for j in range(f, L):
-            work.A[a, j - f] = work.N[j, a]
+    for j in range(f, L):
+        for a in range(m):
+            work.A[j - f, a] = work.N[j, a]
     # Process noise.
     for j in range(INPUTS):
         work.level[j] = dt * np.sqrt(0.5 * (data.input_std[k - 1, j] ** 2 + data.input_std[k, j] ** 2))
     noise_columns(full, work.C1, work.level, work.noise)
     for a in range(m):
         for j in range(INPUTS):
-            work.A[a, columns + j] = work.noise[states[f + a], j] if states[f + a] <= PSI else 0.0
+            work.A[columns + j, a] = work.noise[states[f + a], j] if states[f + a] <= PSI else 0.0
     columns += INPUTS
     for a in range(m):
         if data.drift[states[f + a]] > 0.0:
             for b in range(m):
-                work.A[b, columns] = data.drift[states[f + a]] * np.sqrt(dt) if a == b else 0.0
+                work.A[columns, b] = data.drift[states[f + a]] * np.sqrt(dt) if a == b else 0.0
             columns += 1
     return columns
 
@@ -92,8 +92,8 @@ def predict_points(k, fade, data, points, estimate, work):  # type: ignore[no-un
         moved *= points.mean_weight
         for j in range(L):
             work.N[j, a] = points.odd * (work.up[j, state] - work.down[j, state])
-            work.A[a, m + j] = points.odd * ((work.up[j, state] - moved) + (work.down[j, state] - moved))
-        work.A[a, m + L] = -points.centre * moved
+            work.A[m + j, a] = points.odd * ((work.up[j, state] - moved) + (work.down[j, state] - moved))
+        work.A[m + L, a] = -points.centre * moved
         work.point[state] += moved
     d0, d1, d2 = to_body(work.C1, work.point[PHI], work.point[THETA], work.point[PSI])
     turn(work.q1, d0, d1, d2, work.q1)
@@ -113,4 +113,4 @@ def adopt_prediction(data, estimate, work):  # type: ignore[no-untyped-def]
             estimate.T[j, i] = work.N[j, i - f]
     for j in range(f, L):
         for i in range(j, L):
-            estimate.T[j, i] = work.root[i - f, j - f]
+            estimate.T[j, i] = work.A[j - f, i - f]

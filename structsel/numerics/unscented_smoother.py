@@ -3,11 +3,12 @@
 A constant without drift is the same at all samples, so its smoothed value is its last one. Only the rows of the m
 moving states are computed. With their rows [B A] of the root, [B' FA] one step later, and [B' A'] with noise,
 
-    G_m = A (FA)' (A' A'')^-1       G_c = (B - G_m B') C^-1        D = tria [A - G_m FA, G_m (E c N)]
+    tria [FA E c N; A 0] = [A' 0; X D]        G_m = X A'^-1        G_c = (B - G_m B') C^-1
 
-Backward, with the root C of the constants, which never changes,
+D has the columns that are left; if they are more than m, it is triangularised. Backward, with the root C of the
+constants, which never changes,
 
-    S_s = [C 0; B_s M],    B_s = G_c C + G_m B_s+,    M = tria [G_m M+, D]
+    S_s = [C 0; B_s M],    B_s = G_c C + G_m B_s+,    M = tria [G_m M+ D]
 
 The attitude is a quaternion: its deviations are rotation vectors in earth axes, and the smoothed one is the filtered
 one turned.
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from structsel.numerics.arrays import REORDERED, UNCOUNTED, Array
 from structsel.numerics.compiling import njit
 from structsel.numerics.rotations import angles_of, cosines_of, to_body, to_earth, turn, vector_between
-from structsel.numerics.square_root import copy, solve_gain, triangularise
+from structsel.numerics.square_root import add_rows, aligned_zeros, copy, padded, triangularise
 
 _PHI, _PSI = 3, 5  # of `kinematics.STATES`
 
@@ -31,11 +32,13 @@ _PHI, _PSI = 3, 5  # of `kinematics.STATES`
 class SmootherSteps(NamedTuple):
     """Results of each filter step that the smoother uses (c steps; none are stored if c = 0).
 
-    predicted (c, m) of the moving states, its attitude quaternion (c, 4); gain (c, m, L), root D (c, m, m).
+    predicted (c, m) of the moving states, its attitude quaternion (c, 4); transposed gain (c, L, m); columns (c,) of D,
+    which are the first rows of root (c, m, m).
     """
 
     predicted: Array
     quaternion: Array
+    columns: NDArray[np.int64]
     gain: NDArray[np.float32]
     root: NDArray[np.float32]
 
@@ -80,62 +83,79 @@ def attitude_roots(T, states, x, C, out):  # type: ignore[no-untyped-def]
         out[0, j], out[1, j], out[2, j] = d0 + tangent * about, cf * d1 - sf * d2, secant * about
 
 
+@njit(**UNCOUNTED)
+def triangularise_with_root(columns, data, estimate, work):  # type: ignore[no-untyped-def]
+    """Triangularise [FA E c N; A 0]; `estimate` still has the root of the sample before."""
+    T, A, f, P = estimate.T, work.A, data.constants, work.gain.shape[1]
+    m = len(T) - f
+    for c in range(columns):
+        for a in range(m):
+            A[c, P + a] = T[f + c, f + a] if c <= a else 0.0
+    triangularise(A, 0, m, columns, 2 * P, work.total)
+
+
 @njit(**REORDERED)
 def store_smoother_step(i, columns, data, estimate, work, steps):  # type: ignore[no-untyped-def]
-    """Store prediction, gain and root D of step i; `estimate` still has the root of the sample before."""
-    T, A, root, gain, D, N = estimate.T, work.A, work.root, work.gain, work.smoothing, work.N
+    """Store prediction, gain and D of step i; `estimate` still has the root of the sample before."""
+    T, A, N, gain, P = estimate.T, work.A, work.N, work.gain, work.gain.shape[1]
     L, f, states = len(T), data.constants, data.states
     m = L - f
     copy(work.q1, steps.quaternion[i])
     for a in range(m):
         steps.predicted[i, a] = work.middle[states[f + a]]
-    # G_m.
-    square = work.square
-    for a in range(m):
-        for c in range(columns):
-            D[a, c] = T[f + c, f + a] if c <= a else 0.0
-        for b in range(m):
-            total = 0.0
-            for c in range(a + 1):
-                total += D[a, c] * A[b, c]
-            square[a, b] = total
-    solve_gain(square, root, m, m)
-    for a in range(m):
-        for b in range(m):
-            weight = square[a, b]
-            for c in range(columns):
-                D[a, c] -= weight * A[b, c]
-        for b in range(m):
-            gain[f + b] = square[a, b]
-        # G_c C = B - G_m B', from its last column.
-        for c in range(f - 1, -1, -1):
-            total = T[c, f + a]
-            for b in range(m):
-                total -= square[a, b] * N[c, b]
-            for d in range(c + 1, f):
-                total -= gain[d] * T[c, d]
-            gain[c] = total / T[c, c]
-        for j in range(L):
-            steps.gain[i, a, j] = gain[j]
-    triangularise(D, m, columns)
-    for a in range(m):
-        for b in range(m):
-            steps.root[i, a, b] = D[a, b] if b <= a else 0.0
+    # G_m from G_m A' = X, and G_c from G_c C = B - G_m B', from the last column.
+    for c in range(m - 1, -1, -1):
+        row = gain[f + c]
+        for a in range(P):
+            row[a] = A[c, P + a]
+        add_rows(row, -1.0, A[c, c + 1 :], gain[f + c + 1 :], m - c - 1, P)
+        for a in range(P):
+            row[a] /= A[c, c]
+    for c in range(f - 1, -1, -1):
+        row = gain[c]
+        for a in range(m):
+            row[a] = T[c, f + a]
+        for a in range(m, P):
+            row[a] = 0.0
+        add_rows(row, -1.0, N[c], gain[f:], m, P)
+        add_rows(row, -1.0, T[c, c + 1 :], gain[c + 1 :], f - c - 1, P)
+        for a in range(P):
+            row[a] /= T[c, c]
+    for j in range(L):
+        for a in range(m):
+            steps.gain[i, j, a] = gain[j, a]
+    rest = columns - m
+    if rest > m:
+        triangularise(A[m:], P, m, rest, 2 * P, work.total)
+        rest = m
+    steps.columns[i] = rest
+    for c in range(rest):
+        for a in range(m):
+            steps.root[i, c, a] = A[m + c, P + a]
+
+
+def smoother_workspace(L: int, f: int) -> tuple[Array, Array, Array]:
+    """Gain (L, P), columns of the root (L + m, P) and (P,) total: scratch of `smooth_samples`."""
+    P = padded(L - f)
+    return aligned_zeros(L, P), aligned_zeros(2 * L - f, P), aligned_zeros(1, P)[0]
 
 
 @njit(cache=True)
-def smooth_samples(first, last, f, states, x, quaternion, S, filtered, quaternions, turns, steps, output):  # type: ignore[no-untyped-def]
-    """Smooth samples last - 2 to first - 1; x, quaternion and S are those of sample last - 1 and are updated.
+def smooth_samples(first, last, f, states, x, quaternion, T, filtered, quaternions, turns, steps, work, output):  # type: ignore[no-untyped-def]
+    """Smooth samples last - 2 to first - 1; x, quaternion and T are those of sample last - 1 and are updated.
 
-    x (L,) in the order of `states`, S (L, L) lower triangular; filtered (n, L) and quaternions (n, 4) are
-    the filter's; turns (n, 4) receives the smoothed ones.
+    x (L,) in the order of `states`, T (L, L) has the columns of the root as rows; filtered (n, L) and quaternions
+    (n, 4) are the filter's; turns (n, 4) receives the smoothed ones. `work` is scratch, from `smoother_workspace`.
     """
     L = len(x)
     m = L - f
-    later, below, pair, move = np.empty(L), np.empty((m, f)), np.empty((m, 2 * m)), np.zeros(3)
+    later, move = np.empty(L), np.zeros(3)
+    gain, moved, total = work
     scratch = (np.empty((L, L)), np.empty((3, L)), np.zeros(6), np.empty((3, 3)), np.empty(L))
     for k in range(last - 1, first - 1, -1):
-        G = steps.gain[k - first]
+        for j in range(L):
+            for a in range(m):
+                gain[j, a] = steps.gain[k - first, j, a]
         for j in range(f):
             later[j] = x[j] - filtered[k - 1, j]
         d = vector_between(steps.quaternion[k - first], quaternion)
@@ -148,68 +168,59 @@ def smooth_samples(first, last, f, states, x, quaternion, S, filtered, quaternio
             else:
                 later[f + a] = x[f + a] - steps.predicted[k - first, a]
         move[:] = 0.0
+        total[:] = 0.0
+        add_rows(total, 1.0, later, gain, L, len(total))
         for a in range(m):
-            moved = 0.0
-            for j in range(L):
-                moved += G[a, j] * later[j]
             state = states[f + a]
             if _PHI <= state <= _PSI:
-                move[state - _PHI] = moved
+                move[state - _PHI] = total[a]
             else:
-                x[f + a] = filtered[k - 1, f + a] + moved
-        _back_roots(f, G, steps.root[k - first], S, below, pair)
+                x[f + a] = filtered[k - 1, f + a] + total[a]
+        _back_roots(f, gain, steps.root[k - first, : steps.columns[k - first]], T, moved, total)
         cosines_of(quaternions[k - 1], scratch[3])
         d = to_body(scratch[3], move[0], move[1], move[2])
         turn(quaternions[k - 1], d[0], d[1], d[2], quaternion)
         copy(quaternion, turns[k - 1])
-        _store(k - 1, states, x, quaternion, S, scratch, output)
+        _store(k - 1, states, x, quaternion, T, scratch, output)
 
 
 @njit(**REORDERED)
-def _back_roots(f, G, D, S, below, pair):  # type: ignore[no-untyped-def]
-    """Replace the rows of the moving states in S by those one sample before."""
-    L = len(S)
-    m = L - f
-    for a in range(m):
-        for c in range(f):
-            below[a, c] = 0.0
-        for c in range(m):
-            pair[a, c] = 0.0
-            pair[a, m + c] = D[a, c]
-        for j in range(f):
-            weight = G[a, j]
-            for c in range(j + 1):
-                below[a, c] += weight * S[j, c]
-        for j in range(f, L):
-            weight = G[a, j]
-            for c in range(f):
-                below[a, c] += weight * S[j, c]
-            for c in range(j + 1 - f):
-                pair[a, c] += weight * S[j, f + c]
-    triangularise(pair, m, 2 * m)
-    for a in range(m):
-        for c in range(f):
-            S[f + a, c] = below[a, c]
-        for c in range(m):
-            S[f + a, f + c] = pair[a, c] if c <= a else 0.0
+def _back_roots(f, gain, D, T, moved, total):  # type: ignore[no-untyped-def]
+    """Replace the entries of the moving states in the columns T of the root by those one sample before.
+
+    gain (L, P) is transposed; moved (C, P), as many columns as in T and D together, and total (P,) are scratch.
+    """
+    L, P = gain.shape
+    m, columns = L - f, len(D)
+    for j in range(L):
+        for a in range(P):
+            moved[j, a] = 0.0
+        add_rows(moved[j], 1.0, T[j, j:], gain[j:], L - j, P)
+    for c in range(columns):
+        for a in range(m):
+            moved[L + c, a] = D[c, a]
+    triangularise(moved[f:], 0, m, m + columns, P, total)
+    for j in range(L):
+        for a in range(max(j - f, 0), m):
+            T[j, f + a] = moved[j, a]
 
 
 @njit(cache=True)
-def store_last(states, x, quaternion, S, output):  # type: ignore[no-untyped-def]
+def store_last(states, x, quaternion, T, output):  # type: ignore[no-untyped-def]
     """Write the last sample, which the filter has."""
     L = len(x)
     scratch = (np.empty((L, L)), np.empty((3, L)), np.zeros(6), np.empty((3, 3)), np.empty(L))
-    _store(len(output.x) - 1, states, x, quaternion, S, scratch, output)
+    _store(len(output.x) - 1, states, x, quaternion, T, scratch, output)
 
 
 @njit(**UNCOUNTED)
-def _store(k, states, x, quaternion, S, scratch, output):  # type: ignore[no-untyped-def]
+def _store(k, states, x, quaternion, root, scratch, output):  # type: ignore[no-untyped-def]
     """Write one smoothed sample, with its covariance at every stride-th sample."""
     T, euler, full, C, variance = scratch
     L = len(x)
     for i in range(L):
         for j in range(L):
-            T[j, i] = S[i, j] if j <= i else 0.0
+            T[i, j] = root[i, j]
     cosines_of(quaternion, C)
     full[3], full[4], full[5] = angles_of(C)
     attitude_roots(T, states, full, C, euler)

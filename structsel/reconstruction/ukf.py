@@ -20,6 +20,7 @@ from structsel.numerics.unscented_smoother import (
     SmootherOutput,
     SmootherSteps,
     smooth_samples,
+    smoother_workspace,
     store_last,
 )
 from structsel.reconstruction.kinematics_problem import KinematicsProblem
@@ -125,8 +126,8 @@ class _Run:
         L = len(self.data.states)
         m = L - self.data.constants
         # Gains of single precision move a smoothed state by 1e-7 of its standard deviation.
-        single = np.empty((size, m, L), np.float32), np.empty((size, m, m), np.float32)
-        return SmootherSteps(np.empty((size, m)), np.empty((size, 4)), *single)
+        single = np.empty((size, L, m), np.float32), np.empty((size, m, m), np.float32)
+        return SmootherSteps(np.empty((size, m)), np.empty((size, 4)), np.empty(size, np.int64), *single)
 
     @property
     def block(self) -> int:
@@ -272,14 +273,15 @@ def _forward_and_back(run: _Run) -> tuple[tuple[float, int, int], tuple[Smoother
     covariance = np.empty((-(-n // stride), wanted, wanted))
     output = SmootherOutput(place, np.empty((n, wanted)), np.empty((n, wanted)), covariance, stride)
     states, f = run.data.states, run.data.constants
-    x, quaternion, S = run.output.x[-1].copy(), run.estimate.quaternion.copy(), np.ascontiguousarray(run.estimate.T.T)
+    x, quaternion, T = run.output.x[-1].copy(), run.estimate.quaternion.copy(), run.estimate.T.copy()
+    work = smoother_workspace(L, f)
     turns = np.empty((n, 4))
-    store_last(states, x, quaternion, S, output)
+    store_last(states, x, quaternion, T, output)
     turns[-1] = quaternion
     for (first, last), start in zip(reversed(blocks), reversed(starts)):
         if not single:
             run.estimate = start
             run.advance(first, last, steps)
         filter_x, filter_turns = run.output.x, run.output.quaternion
-        smooth_samples(first, last, f, states, x, quaternion, S, filter_x, filter_turns, turns, steps, output)
+        smooth_samples(first, last, f, states, x, quaternion, T, filter_x, filter_turns, turns, steps, work, output)
     return ended, (output, turns)
