@@ -244,22 +244,27 @@ def fly(t, inputs, start, place, g, located):  # type: ignore[no-untyped-def]
     return out
 
 
+@njit(**UNCOUNTED)
+def slopes_at(x, C, a, place, g, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (9,) with the derivatives of the motion in x; C (3, 3) is the turn from body to earth axes."""
+    f = _force_and_rates(x, a, place, _inverse_scales(x))
+    d = _slope((x[0], x[1], x[2], 0.0, 0.0, 0.0), f, C, g, (x[15], x[16], x[17]))
+    p, q, r = f[3], f[4], f[5]
+    sf, cf = np.sin(x[3]), np.cos(x[3])
+    about_vertical = (q * sf + r * cf) / np.cos(x[4])
+    out[0], out[1], out[2] = d[0], d[1], d[2]
+    out[3], out[4] = p + about_vertical * np.sin(x[4]), q * cf - r * sf
+    out[5], out[6], out[7], out[8] = about_vertical, d[6], d[7], d[8]
+
+
 @njit(cache=True)
 def slopes(path, inputs, place, g):  # type: ignore[no-untyped-def]
     """(n, 9) derivatives of the motion along a path (n, 34); those of phi and psi are infinite at the vertical."""
     n = path.shape[0]
     out, C = np.empty((n, 9)), np.empty((3, 3))
     for k in range(n):
-        x = path[k]
-        cosines_of_angles(x[3], x[4], x[5], C)
-        f = _force_and_rates(x, inputs[k], place, _inverse_scales(x))
-        d = _slope((x[0], x[1], x[2], 0.0, 0.0, 0.0), f, C, g, (x[15], x[16], x[17]))
-        p, q, r = f[3], f[4], f[5]
-        sf, cf = np.sin(x[3]), np.cos(x[3])
-        about_vertical = (q * sf + r * cf) / np.cos(x[4])
-        out[k, 0], out[k, 1], out[k, 2] = d[0], d[1], d[2]
-        out[k, 3], out[k, 4] = p + about_vertical * np.sin(x[4]), q * cf - r * sf
-        out[k, 5], out[k, 6], out[k, 7], out[k, 8] = about_vertical, d[6], d[7], d[8]
+        cosines_of_angles(path[k, 3], path[k, 4], path[k, 5], C)
+        slopes_at(path[k], C, inputs[k], place, g, out[k])
     return out
 
 

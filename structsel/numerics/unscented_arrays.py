@@ -101,7 +101,7 @@ class FilterWorkspace(NamedTuple):
     E: Array  # (M, L + 1) [E_y c_y]
     U: Array  # (M, M)
     move: Array  # (L,)
-    rows: Array  # (L + 1, W) [O T], padded, and the scratch of `unscented_update.absorb_reading`
+    rows: Array  # (L + 1, W) [T O], padded, and the scratch of `unscented_update.absorb_reading`
     euler: Array  # (3, L) rows of the root for the Euler angles
 
 
@@ -113,9 +113,11 @@ def workspace(F: int, states: NDArray[np.int64], constants: int, drift: Array, l
     return FilterWorkspace(
         *(e(F), e((L, F)), e((L, F)), e(F), e(F), e((3, 3)), e((3, 3)), e((3, 3)), e(4), e(4), e((6, 6)), e(6)),
         *(e((L, m)), aligned_zeros(C, 2 * P), aligned_zeros(L, P), aligned_zeros(1, 2 * P)[0]),
-        *(np.zeros(M), np.zeros((L, M))),
-        *(np.zeros((L, M)), np.zeros(M, dtype=np.bool_), np.zeros(M, dtype=np.int64), e(M), e(M), np.zeros((L, M))),
-        *(e((L, M)), e((M, L + 1)), e((M, M)), e(L), aligned_zeros(L + 1, padded(M + L)), e((3, L))),
+        *(np.zeros(M), np.zeros((L, M)), np.zeros((L, M))),
+        np.zeros(M, dtype=np.bool_),
+        np.zeros(M, dtype=np.int64),
+        *(e(M), e(M), np.zeros((L, M))),
+        *(e((L, M)), e((M, L + 1)), e((M, M)), e(L), aligned_zeros(L + 1, padded(L + M)), e((3, L))),
     )
 
 

@@ -12,7 +12,7 @@ from structsel.numerics.compiling import njit
 from structsel.numerics.kinematic_tangents import reading_columns
 from structsel.numerics.kinematics import CIRCULAR, TURN, observe_at
 from structsel.numerics.rotations import angles_of, cosines_of, to_body, turn
-from structsel.numerics.square_root import LANES, absorb, copy
+from structsel.numerics.square_root import absorb, copy
 from structsel.numerics.unscented_arrays import PHI, PSI, THETA, set_angles
 
 _MAX_REJECTED = 25  # of one channel in a row; then the filter may be wrong, not the channel. Chosen, not critical
@@ -110,27 +110,28 @@ def update(count, wide, data, estimate, work):  # type: ignore[no-untyped-def]
     """Correct the estimate by `count` innovations; returns the normalised innovation squared and log-likelihood."""
     L, nu, T, move = len(data.states), work.nu, estimate.T, work.move
     log_determinant = whiten(count, L, wide, work)
-    M, rows, g = len(nu), work.rows[:L], work.rows[L]
-    for r in range(L):
-        for c in range(M):
-            rows[r, c] = work.O[L - 1 - r, c] if c < count else 0.0
-        for i in range(r + 1):
-            rows[r, M + i] = T[L - 1 - r, L - 1 - i]
+    rows, g = work.rows[:L], work.rows[L]
+    for j in range(L):
+        row = rows[L - 1 - j]
+        for i in range(L):
+            row[i] = T[j, i]
+        for c in range(len(nu)):
+            row[L + c] = work.O[j, c] if c < count else 0.0
     square = 0.0
     for i in range(L):
         move[i] = 0.0
     for b in range(count):
-        variance = absorb_reading(b, M, rows, g)
+        variance = absorb_reading(b, rows, g)
         value = nu[b] / variance
         square += nu[b] * value
         log_determinant += 0.5 * np.log(variance)
         for i in range(L):
-            move[i] += g[M + L - 1 - i] * value
+            move[i] += g[i] * value
         for c in range(b + 1, count):
-            nu[c] -= g[c] * value
-    for r in range(L):
-        for i in range(r + 1):
-            T[L - 1 - r, L - 1 - i] = rows[r, M + i]
+            nu[c] -= g[L + c] * value
+    for j in range(L):
+        for i in range(L):
+            T[j, i] = rows[L - 1 - j, i]
     copy(estimate.full, work.point)
     work.point[PHI], work.point[THETA], work.point[PSI] = 0.0, 0.0, 0.0
     for i in range(L):
@@ -172,24 +173,25 @@ def whiten(count, L, wide, work):  # type: ignore[no-untyped-def]
 
 
 @njit(**REORDERED)
-def absorb_reading(b, M, rows, g):  # type: ignore[no-untyped-def]
-    """Update `rows` [O T] with the reading b of unit noise, whose derivatives are column b; returns its variance.
+def absorb_reading(b, rows, g):  # type: ignore[no-untyped-def]
+    """Update `rows` (L, W) with the reading b of unit noise, whose derivatives are column L + b; returns its variance.
 
-    The last column of the root is the first row, and row r has zeros from M + r + 1 on. g is as long as a row: the
-    covariances with the other readings and with the states. O is right only in the columns after b.
+    Row r is [T[j] O[j]] of j = L - 1 - r. g is as long as a row: the covariances with the states and with the readings.
+    The columns of O up to b are of no use afterwards.
     """
+    L = len(rows)
     for i in range(len(g)):
         g[i] = 0.0
     variance = 1.0
     # Upwards: downwards, the compiler could not exclude that the rows overlap, and would add one product at a time.
-    for r in range(len(rows)):
-        o = rows[r, b]
+    for r in range(L):
+        o = rows[r, L + b]
         if o == 0.0:
             continue
         more = variance + o * o
         root = 1.0 / np.sqrt(variance * more)
         scale, turned = variance * root, o * root
-        for i in range((M + r + LANES) // LANES * LANES):
+        for i in range(len(g)):
             old = rows[r, i]
             rows[r, i] = scale * old - turned * g[i]
             g[i] += o * old

@@ -15,8 +15,10 @@ import scipy
 
 from structsel.errors import DomainError
 from structsel.numerics.air_data import body_velocity
+from structsel.numerics.arrays import UNCOUNTED
 from structsel.numerics.compiling import njit
-from structsel.numerics.kinematics import MEASUREMENTS, MOTION, readings, slopes
+from structsel.numerics.kinematics import MEASUREMENTS, MOTION, observe_at, slopes_at
+from structsel.numerics.rotations import cosines_of_angles
 from structsel.reconstruction.kinematics_problem import KinematicsProblem
 
 _LONGEST = 60.0  # s of a segment; over more time the effect of the initial motion is lost
@@ -123,34 +125,60 @@ def segments_of(t: np.ndarray) -> list[slice]:
     return segments
 
 
-@njit(cache=True)
-def _moved(path, state, step):  # type: ignore[no-untyped-def]
-    """The path with one state above and below its values."""
-    up, down = path.copy(), path.copy()
-    up[:, state] += step[state]
-    down[:, state] -= step[state]
-    return up, down
+@njit(**UNCOUNTED)
+def _set_cosines(x, state, C, out):  # type: ignore[no-untyped-def]
+    """Direction cosines where this state of x was changed: C, those before, unless it is an angle of the attitude."""
+    if 3 <= state <= 5:
+        cosines_of_angles(x[3], x[4], x[5], out)
+    else:
+        for i in range(3):
+            out[i, 0], out[i, 1], out[i, 2] = C[i, 0], C[i, 1], C[i, 2]
 
 
 @njit(cache=True)
 def _slope_changes(path, inputs, place, g, active, m, step):  # type: ignore[no-untyped-def]
     """(n, m, L) derivatives of the slopes of the motion with the active states, by central differences."""
     changes = np.empty((path.shape[0], m, active.size))
-    for j in range(active.size):
-        up, down = _moved(path, active[j], step)
-        change = slopes(up, inputs, place, g) - slopes(down, inputs, place, g)
-        changes[:, :, j] = change[:, active[:m]] / (2.0 * step[active[j]])
+    x, C, turned = np.empty(path.shape[1]), np.empty((3, 3)), np.empty((3, 3))
+    up, down = np.empty(MOTION), np.empty(MOTION)
+    for k in range(path.shape[0]):
+        x[:] = path[k]
+        cosines_of_angles(x[3], x[4], x[5], C)
+        for j in range(active.size):
+            state = active[j]
+            x[state] = path[k, state] + step[state]
+            _set_cosines(x, state, C, turned)
+            slopes_at(x, turned, inputs[k], place, g, up)
+            x[state] = path[k, state] - step[state]
+            _set_cosines(x, state, C, turned)
+            slopes_at(x, turned, inputs[k], place, g, down)
+            x[state] = path[k, state]
+            for i in range(m):
+                changes[k, i, j] = (up[active[i]] - down[active[i]]) / (2.0 * step[state])
     return changes
 
 
 @njit(cache=True)
 def _reading_changes(path, inputs, place, flank, active, step):  # type: ignore[no-untyped-def]
     """(n, 12, L) derivatives of the readings with the active states, by central differences."""
-    changes = np.empty((path.shape[0], len(MEASUREMENTS), active.size))
-    for j in range(active.size):
-        up, down = _moved(path, active[j], step)
-        change = readings(up, inputs, place, flank) - readings(down, inputs, place, flank)
-        changes[:, :, j] = change / (2.0 * step[active[j]])
+    count = len(MEASUREMENTS)
+    changes = np.empty((path.shape[0], count, active.size))
+    x, C, turned = np.empty(path.shape[1]), np.empty((3, 3)), np.empty((3, 3))
+    up, down, wanted = np.empty(count), np.empty(count), np.ones(count, dtype=np.bool_)
+    for k in range(path.shape[0]):
+        x[:] = path[k]
+        cosines_of_angles(x[3], x[4], x[5], C)
+        for j in range(active.size):
+            state = active[j]
+            x[state] = path[k, state] + step[state]
+            _set_cosines(x, state, C, turned)
+            observe_at(x, turned, inputs[k], place, flank, wanted, up)
+            x[state] = path[k, state] - step[state]
+            _set_cosines(x, state, C, turned)
+            observe_at(x, turned, inputs[k], place, flank, wanted, down)
+            x[state] = path[k, state]
+            for i in range(count):
+                changes[k, i, j] = (up[i] - down[i]) / (2.0 * step[state])
     return changes
 
 
