@@ -355,7 +355,7 @@ def _prewhitened_products_of_block(
 ) -> Array:
     """Upper triangles of all responses; rows are made once, and filtered for each response."""
     q, m = 2 + len(words), scales[1].size
-    filtered, totals = np.empty((q, CHUNK)), np.zeros((m, q, q))
+    workspace, totals = np.empty(q * CHUNK), np.zeros((m, q, q))
     chunks: dict[int, RegressorChunks] = {}
     for part in block:
         reach = max(model.order for model in part.noise)
@@ -363,9 +363,10 @@ def _prewhitened_products_of_block(
             chunks[reach] = RegressorChunks(words, scales, reach)
         for rows in chunks[reach].over(part.source, max(part.start, reach), part.stop):
             responses = rows[q - 1 :].copy()
-            into = filtered[:, : rows.shape[1] - reach]
+            n = rows.shape[1] - reach
+            filtered = workspace[: q * n].reshape(q, n)
             for r, model in enumerate(part.noise):
                 rows[q - 1] = responses[r]
-                prewhiten(rows[:q], model.ar, levels[r] / model.sigma, reach, into)
-                add_products(into, totals[r])
+                prewhiten(rows[:q], model.ar, levels[r] / model.sigma, reach, filtered)
+                add_products(filtered, totals[r])
     return np.concatenate([upper_triangle(total) for total in totals])

@@ -65,29 +65,32 @@ def prewhiten(rows: Array, ar: Array, weight: float, start: int, out: Array) -> 
     """``out[:, t] = weight (rows[:, start + t] - sum_l ar[l-1] rows[:, start + t - l])``."""
     n = rows.shape[1] - start
     for i in range(rows.shape[0]):
+        # Views begin at zero, because the compiler vectorises only if no index can be negative.
         x, y = rows[i], out[i]
+        now = x[start:]
         single = ar.size % 4  # the first pass has these lags and the sample itself
         if single == 0:
             for t in range(n):
-                y[t] = weight * x[start + t]
+                y[t] = weight * now[t]
         elif single == 1:
-            a = weight * ar[0]
+            a, x1 = weight * ar[0], x[start - 1 :]
             for t in range(n):
-                y[t] = weight * x[start + t] - a * x[start + t - 1]
+                y[t] = weight * now[t] - a * x1[t]
         elif single == 2:
-            a, b = weight * ar[0], weight * ar[1]
+            a, b, x1, x2 = weight * ar[0], weight * ar[1], x[start - 1 :], x[start - 2 :]
             for t in range(n):
-                y[t] = weight * x[start + t] - a * x[start + t - 1] - b * x[start + t - 2]
+                y[t] = weight * now[t] - a * x1[t] - b * x2[t]
         else:
             a, b, c = weight * ar[0], weight * ar[1], weight * ar[2]
+            x1, x2, x3 = x[start - 1 :], x[start - 2 :], x[start - 3 :]
             for t in range(n):
-                at = start + t
-                y[t] = weight * x[at] - a * x[at - 1] - b * x[at - 2] - c * x[at - 3]
+                y[t] = weight * now[t] - a * x1[t] - b * x2[t] - c * x3[t]
         for lag in range(single + 1, ar.size + 1, 4):  # several at once, so that y is read and written less often
             a, b, c, d = weight * ar[lag - 1], weight * ar[lag], weight * ar[lag + 1], weight * ar[lag + 2]
             at = start - lag
+            x1, x2, x3, x4 = x[at:], x[at - 1 :], x[at - 2 :], x[at - 3 :]
             for t in range(n):
-                y[t] -= a * x[at + t] + b * x[at + t - 1] + c * x[at + t - 2] + d * x[at + t - 3]
+                y[t] -= a * x1[t] + b * x2[t] + c * x3[t] + d * x4[t]
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})

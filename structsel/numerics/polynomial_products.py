@@ -205,7 +205,7 @@ class PolynomialProducts:
             response = source.responses(slab, end) / self.scales[1][:, None]
             for a in range(0, end - slab, _CHUNK):
                 b = min(a + _CHUNK, end - slab)
-                fill_rows(base[:, a:b], plan.target, plan.parent, plan.factor, monomials)
+                fill_rows(base[:, a:b].copy(), plan.target, plan.parent, plan.factor, monomials)
                 responses[:, : b - a] = response[:, a:b]
                 add_groups(self.rows, self.left, self.groups, b - a, sums)
         own, *each = (

@@ -221,12 +221,15 @@ class RegressorChunks:
         self.target = plan.target + shift[plan.target]
         self.parent = np.where(plan.parent < 0, -1, plan.parent + shift[plan.parent]).astype(np.int32)
         self.factor = plan.factor
-        self.rows = np.empty((plan.n_rows + 1 + self.m, chunk + reach))
-        self.rows[0] = 1.0
+        self.n_rows = plan.n_rows + 1 + self.m
+        self.workspace = np.empty(self.n_rows * (chunk + reach))
         self.base_scale, self.response_scale = scales
 
     def over(self, source: DataSource, start: int, stop: int) -> Iterator[Array]:
-        """Rows (q, reach + c) of c samples each, from ``start``, which is at least ``reach``, to ``stop``."""
+        """Rows (q, reach + c) of c samples each, from ``start``, which is at least ``reach``, to ``stop``.
+
+        They are contiguous, for which compiled loops are vectorised.
+        """
         p = self.q - 1 - self.m
         for slab in range(start, stop, READ_AT_ONCE):
             end = min(slab + READ_AT_ONCE, stop)
@@ -236,6 +239,8 @@ class RegressorChunks:
                 b = min(a + self.chunk, end)
                 inside = slice(a - slab, b - slab + self.reach)
                 width = b - a + self.reach
-                fill_rows(base[:, inside], self.target, self.parent, self.factor, self.rows)
-                self.rows[1 + p : self.q, :width] = response[:, inside]
-                yield self.rows[: self.q, :width]
+                rows = self.workspace[: self.n_rows * width].reshape(self.n_rows, width)
+                rows[0] = 1.0
+                fill_rows(base[:, inside].copy(), self.target, self.parent, self.factor, rows)
+                rows[1 + p : self.q] = response[:, inside]
+                yield rows[: self.q]
