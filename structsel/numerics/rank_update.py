@@ -16,7 +16,7 @@ import scipy.linalg.cython_blas
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 
-_INT, _DOUBLE = ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_double)
+_INT, _DOUBLE, _ARRAY = ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_double), ctypes.c_void_p
 
 
 @cache
@@ -28,7 +28,7 @@ def _dsyrk() -> Callable[..., None]:
     api.PyCapsule_GetPointer.restype = ctypes.c_void_p
     api.PyCapsule_GetPointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
     address = api.PyCapsule_GetPointer(capsule, api.PyCapsule_GetName(capsule))
-    kinds = [ctypes.c_char_p] * 2 + [_INT] * 2 + [_DOUBLE] * 2 + [_INT] + [_DOUBLE] * 2 + [_INT]
+    kinds: list[Any] = [ctypes.c_char_p] * 2 + [_INT] * 2 + [_DOUBLE, _ARRAY, _INT] + [_DOUBLE, _ARRAY, _INT]
     function: Any = ctypes.CFUNCTYPE(None, *kinds)(address)
     return function
 
@@ -48,8 +48,9 @@ def add_products(rows: Array, total: Array) -> None:
     size, k, ld, step = (ctypes.c_int(v) for v in (q, n, rows.strides[0] // rows.itemsize, q))
     one = ctypes.c_double(1.0)
     by = ctypes.byref
-    # In Fortran's order the rows are columns of a matrix (n, q), and the upper triangle is the lower one.
+    # In Fortran's order the rows are columns of a matrix (n, q), and the upper triangle is the lower one. Addresses are
+    # plain numbers: `data_as` makes reference cycles, which the garbage collector would have to find.
     _dsyrk()(
-        *(b"L", b"T", by(size), by(k), by(one), rows.ctypes.data_as(_DOUBLE), by(ld)),
-        *(by(one), total.ctypes.data_as(_DOUBLE), by(step)),
+        *(b"L", b"T", by(size), by(k), by(one), rows.ctypes.data, by(ld)),
+        *(by(one), total.ctypes.data, by(step)),
     )
