@@ -274,7 +274,7 @@ def cross_products(
     Returns
     -------
     CrossProducts
-        Memory: one (1 + p + m)^2 / 2 triangle per block and a workspace of 512 samples per worker.
+        Memory: one (1 + p + m)^2 / 2 triangle per block and a workspace of 384 samples per worker.
     """
     scales = scales or find_scales(manoeuvres)
     p, m = len(exponents), scales[1].size
