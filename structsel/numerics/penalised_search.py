@@ -60,14 +60,22 @@ def _columns_outside(model, k, pairs, S):
             for a in range(q + 1):
                 row[a] += f * other[a]
     if pairs:
+        size = scale[index]
         for a in range(q):
-            row, places = S[a, a + 1 : q], index[a + 1 : q]
+            row, products, places = S[a, a + 1 : q], C[index[a]], index[a + 1 : q]
+            unit, sizes = size[a], size[a + 1 : q]
             for c in range(row.size):
-                row[c] = C[index[a], places[c]] * scale[index[a]] * scale[places[c]]
-            for i in range(k):
+                row[c] = products[places[c]] * unit * sizes[c]
+            for i in range(k % 4):
                 f, other = packed[i, a], packed[i, a + 1 : q]
                 for c in range(row.size):
                     row[c] -= f * other[c]
+            for i in range(k % 4, k, 4):  # four at once, so that the row is read and written less often
+                f0, f1, f2, f3 = packed[i : i + 4, a]
+                w0, w1, w2, w3 = packed[i], packed[i + 1], packed[i + 2], packed[i + 3]
+                w0, w1, w2, w3 = w0[a + 1 : q], w1[a + 1 : q], w2[a + 1 : q], w3[a + 1 : q]
+                for c in range(row.size):
+                    row[c] -= f0 * w0[c] + f1 * w1[c] + f2 * w2[c] + f3 * w3[c]
     return Outside(index, V, S, model.d[index[:q]], model.b[index[:q]])
 
 
@@ -117,7 +125,7 @@ def _best_single(D, B, tol, needed):
     return best, one
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
 def _best_pair(S, D, B, c1, c2, tol, needed):
     """Pair of candidates with the largest reduction of 1 - R^2 above `needed`, or -1.
 
@@ -131,14 +139,14 @@ def _best_pair(S, D, B, c1, c2, tol, needed):
         D_i, B_i, f1, f2 = D[i], B[i], c1[i], c2[i]
         if D_i <= tol:
             continue
-        # Usually there is no such pair, which a loop without branches and divisions detects fastest. Its views begin
-        # at zero, because the compiler vectorises only if no index can be negative.
+        # Usually there is no such pair, which a loop without branches and divisions detects fastest: the reduction less
+        # the best, times the determinant. Its views begin at zero, because the compiler vectorises only if no index can
+        # be negative.
         row, D_j, B_j, g1, g2 = S[i, i + 1 : q], D[i + 1 :], B[i + 1 :], c1[i + 1 :], c2[i + 1 :]
-        count = 0
+        count, rest = 0, B_i * B_i - best * D_i
         for j in range(row.size):
             s = row[j] + f1 * g1[j] + f2 * g2[j]
-            det = D_i * D_j[j] - s * s
-            count += B_i * B_i * D_j[j] - 2.0 * B_i * B_j[j] * s + B_j[j] * B_j[j] * D_i > best * det
+            count += rest * D_j[j] + D_i * B_j[j] * B_j[j] + s * (best * s - 2.0 * B_i * B_j[j]) > 0.0
         if not count:
             continue
         for j in range(row.size):
