@@ -13,7 +13,15 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, Progress, Samples, attach_data, complete_manoeuvres
 from structsel.numerics.least_squares import LeastSquaresFit, response_rows
 from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar_of_manoeuvres
-from structsel.numerics.regressors import DataSource, RegressorChunks, Scales, column_scale, find_scales, words_of
+from structsel.numerics.regressors import (
+    SLAB,
+    DataSource,
+    RegressorChunks,
+    Scales,
+    column_scale,
+    find_scales,
+    words_of,
+)
 from structsel.numerics.score_covariance import score_covariance, split_for_correlation
 
 SAMPLES_PER_ORDER = 12  # least number of samples of a manoeuvre for each order of its noise model
@@ -168,7 +176,7 @@ def _scatter_of_block(
 ) -> Array:
     """Sum of x(i) R(i - j) x(j)' over a block, in scaled units; rows about their means with constants of their own."""
     k = theta.size
-    chunks = RegressorChunks(words_of(exponents), scales)
+    chunks = RegressorChunks(words_of(exponents), scales, chunk=SLAB)
     scale = column_scale(exponents, scales)
     weights = theta * scale[:k] / scale[k + response]
     meat = np.zeros((k, k))

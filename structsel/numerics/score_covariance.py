@@ -125,12 +125,13 @@ def _score_covariance(S: Array, residuals: Array) -> Array:
 
     own = [covariance(c, c) for c in range(channels.size)]
     reach = min(max(6 * last_correlated_lag(*(x[:longest] for x in of)) for of in own), longest)
-    window = parzen_window(distance / reach)
     if channels.size == 1 and complete and reach <= FEW_LAGS:
         # R(l) w(l) x(i - l) directly: few lags cost less than transforms of all sensitivities.
         lags = np.arange(-reach, reach + 1)
-        filtered = scipy.ndimage.correlate1d(S[:, :, 0], (window * own[0][0])[lags], axis=1, mode="constant")
+        weights = parzen_window(np.abs(lags) / reach) * own[0][0][lags]
+        filtered = scipy.ndimage.correlate1d(S[:, :, 0], weights, axis=1, mode="constant")
         return S[:, :, 0] @ filtered.T
+    window = parzen_window(distance / reach)
     # Parseval: the sum over samples is one over the frequencies of a real transform, which holds one of each pair.
     weight = np.full(v.shape[0], 2.0 / size)
     weight[0] = 1.0 / size
