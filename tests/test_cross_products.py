@@ -14,7 +14,7 @@ from structsel.numerics.cross_products import cross_products, prewhitened_cross_
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import centre
 from structsel.numerics.polynomial_products import plan_polynomial_products
-from structsel.numerics.rank_update import add_products
+from structsel.numerics.rank_update import RowProducts, add_products
 from structsel.numerics.regressors import CHUNK, ArrayData, words_of
 
 from .pools import design, monomial_exponents
@@ -143,6 +143,15 @@ def test_products_of_rows_are_added_to_the_upper_triangle(columns):
     add_products(rows, total)
     expected = np.where(np.arange(7)[:, None] <= np.arange(7), 1.0 + rows @ rows.T, 1.0)
     assert_allclose(total, expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("q", [1, 2, 3, 4, 5, 12, 31, 256, 257])
+def test_products_of_few_and_of_many_rows_are_those_of_numpy(q):
+    products, rows = RowProducts(q), np.random.default_rng(q).standard_normal((2, q, 53))
+    for chunk in rows:
+        products.add(chunk)
+    expected = rows[0] @ rows[0].T + rows[1] @ rows[1].T
+    assert_allclose(products.triangle(), expected[np.triu_indices(q)], rtol=1e-11, atol=1e-12)
 
 
 def test_products_are_not_added_to_a_matrix_of_another_size():

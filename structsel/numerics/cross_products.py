@@ -33,7 +33,7 @@ from structsel.numerics.blocks import (
 from structsel.numerics.compiling import njit
 from structsel.numerics.noise_models import ARNoise, pooled_innovation_std, prewhiten
 from structsel.numerics.polynomial_products import PolynomialProducts, plan_polynomial_products
-from structsel.numerics.rank_update import add_products
+from structsel.numerics.rank_update import RowProducts
 from structsel.numerics.regressors import (
     CHUNK,
     DataSource,
@@ -297,11 +297,11 @@ def _products_of_block(words: tuple[Word, ...], scales: Scales, block: Sequence[
         polynomial = PolynomialProducts(words, scales)
         return reduce(np.add, (polynomial.over(part.source, part.start, part.stop) for part in block))
     chunks = RegressorChunks(words, scales)
-    total = np.zeros((chunks.q, chunks.q))
+    products = RowProducts(chunks.q)
     for part in block:
         for rows in chunks.over(part.source, part.start, part.stop):
-            add_products(rows, total)
-    return upper_triangle(total)
+            products.add(rows)
+    return products.triangle()
 
 
 def prewhitened_cross_products(
@@ -355,7 +355,7 @@ def _prewhitened_products_of_block(
 ) -> Array:
     """Upper triangles of all responses; rows are made once, and filtered for each response."""
     q, m = 2 + len(words), scales[1].size
-    workspace, totals = np.empty(q * CHUNK), np.zeros((m, q, q))
+    workspace, products = np.empty(q * CHUNK), [RowProducts(q) for _ in range(m)]
     chunks: dict[int, RegressorChunks] = {}
     for part in block:
         reach = max(model.order for model in part.noise)
@@ -368,5 +368,5 @@ def _prewhitened_products_of_block(
             for r, model in enumerate(part.noise):
                 rows[q - 1] = responses[r]
                 prewhiten(rows[:q], model.ar, levels[r] / model.sigma, reach, filtered)
-                add_products(filtered, totals[r])
-    return np.concatenate([upper_triangle(total) for total in totals])
+                products[r].add(filtered)
+    return np.concatenate([of.triangle() for of in products])

@@ -6,8 +6,8 @@ sorted word of length above d splits uniquely into its first d letters and the r
 last of the prefix; grouping the rests by first letter gives one small matrix product each.
 
 These products are tall and narrow, 45 by 3 to 120 by 3 over some hundred samples. For such shapes NumPy takes 3.6 times
-as long as the tiles below (164 candidates, 200,000 samples; a complete selection then takes 15 % longer). The kernel
-here is therefore our own.
+as long as the tiles of `structsel.numerics.tiles` (164 candidates, 200,000 samples; a complete selection then takes
+15 % longer).
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.compiling import njit
 from structsel.numerics.regressors import (
     READ_AT_ONCE,
     DataSource,
@@ -31,9 +30,9 @@ from structsel.numerics.regressors import (
     fill_rows,
     plan_monomials,
 )
+from structsel.numerics.tiles import TALL, WIDE, add_groups, round_up
 
 _CHUNK = 256  # samples of the rows: two rows of a tile fit in the first-level cache, all rows in the second
-_TALL, _WIDE = 4, 3  # size of a tile of sums: twelve sums and their rows fill the registers
 
 
 @dataclass(frozen=True)
@@ -118,52 +117,6 @@ def _triangle_of(words: tuple[Word, ...], n_base: int, m: int) -> NDArray[np.int
     return place[np.triu_indices(above + p)]
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
-def add_tiles(
-    rows: NDArray[np.float64], left: NDArray[np.int32], right: int, c: int, out: NDArray[np.float64]
-) -> None:  # pragma: no cover - compiled
-    """Add the sums over ``c`` samples of rows ``left`` times rows from ``right`` on to ``out``; complete tiles only."""
-    for i in range(0, out.shape[0], _TALL):
-        a, b, d, e = rows[left[i]], rows[left[i + 1]], rows[left[i + 2]], rows[left[i + 3]]
-        for j in range(0, out.shape[1], _WIDE):
-            x, y, z = rows[right + j], rows[right + j + 1], rows[right + j + 2]
-            ax = ay = az = bx = by = bz = dx = dy = dz = ex = ey = ez = 0.0
-            for t in range(c):
-                ax += a[t] * x[t]
-                ay += a[t] * y[t]
-                az += a[t] * z[t]
-                bx += b[t] * x[t]
-                by += b[t] * y[t]
-                bz += b[t] * z[t]
-                dx += d[t] * x[t]
-                dy += d[t] * y[t]
-                dz += d[t] * z[t]
-                ex += e[t] * x[t]
-                ey += e[t] * y[t]
-                ez += e[t] * z[t]
-            out[i, j] += ax
-            out[i, j + 1] += ay
-            out[i, j + 2] += az
-            out[i + 1, j] += bx
-            out[i + 1, j + 1] += by
-            out[i + 1, j + 2] += bz
-            out[i + 2, j] += dx
-            out[i + 2, j + 1] += dy
-            out[i + 2, j + 2] += dz
-            out[i + 3, j] += ex
-            out[i + 3, j + 1] += ey
-            out[i + 3, j + 2] += ez
-
-
-@njit(cache=True, nogil=True)
-def add_groups(
-    rows: NDArray[np.float64], left: NDArray[np.int32], groups: NDArray[np.int64], c: int, out: NDArray[np.float64]
-) -> None:  # pragma: no cover - compiled
-    """Add tiles of each group, (tall, wide, first row on the right, where its sums begin)."""
-    for tall, wide, first, at in groups:
-        add_tiles(rows, left, first, c, out[at : at + tall * wide].reshape((tall, wide)))
-
-
 class PolynomialProducts:
     """Upper triangle of Z'Z of any range of a manoeuvre, from the distinct sums; owns its workspace.
 
@@ -182,14 +135,14 @@ class PolynomialProducts:
         self.plan, self.scales = plan, scales
         self.gather = _triangle_of(words, scales[0].size, scales[1].size)
         above = self.above = 1 + scales[1].size
-        self.rows = np.empty((above + plan.rows.n_rows + _WIDE - 1, _CHUNK))
+        self.rows = np.empty((above + plan.rows.n_rows + WIDE - 1, _CHUNK))
         self.rows[0] = 1.0
         self.rows[above + plan.rows.n_rows :] = 1.0
-        left = np.concatenate([np.arange(above), above + plan.prefix, np.zeros(_TALL - 1)])
+        left = np.concatenate([np.arange(above), above + plan.prefix, np.zeros(TALL - 1)])
         self.left = left.astype(np.int32)
         # The products of [1, responses] are first. Rows of the next group, or of ones, fill the last tiles.
         self.sizes = [(above, above), *((above + n, stop - start) for n, start, stop in plan.groups)]
-        padded = [(_round_up(tall, _TALL), _round_up(wide, _WIDE)) for tall, wide in self.sizes]
+        padded = [(round_up(tall, TALL), round_up(wide, WIDE)) for tall, wide in self.sizes]
         ends = np.cumsum([0, *(tall * wide for tall, wide in padded)])
         first = [0, *(above + start for _, start, _ in plan.groups)]
         self.groups = np.column_stack([np.array(padded), first, ends[:-1]])
@@ -214,8 +167,3 @@ class PolynomialProducts:
         )
         cross = np.concatenate([s[:above] for s in each], axis=1)
         return np.concatenate([own.ravel(), cross.ravel(), *(s[above:].ravel() for s in each)])[self.gather]
-
-
-def _round_up(n: int, tile: int) -> int:
-    """Next multiple of the tile size."""
-    return -(-n // tile) * tile

@@ -1,4 +1,4 @@
-"""Sums of products of rows, added up in place by the BLAS of scipy.
+"""Sums of products of rows with each other: by tiles where rows are few, by the BLAS of scipy where they are many.
 
 `scipy.linalg.blas.dsyrk` keeps the interpreter's lock, so that two threads take turns, and numpy's product of a matrix
 with its own transpose copies one triangle to the other. Here the same routine is called through its address.
@@ -8,14 +8,18 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
+import numpy as np
 import scipy.linalg.cython_blas
+from numpy.typing import NDArray
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
+from structsel.numerics.tiles import TALL, WIDE, add_groups, round_up
 
+FEW_ROWS = 256  # up to which tiles are faster; BLAS may have wider registers
 _INT, _DOUBLE, _ARRAY = ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_double), ctypes.c_void_p
 
 
@@ -54,3 +58,45 @@ def add_products(rows: Array, total: Array) -> None:
         *(b"L", b"T", by(size), by(k), by(one), rows.ctypes.data, by(ld)),
         *(by(one), total.ctypes.data, by(step)),
     )
+
+
+class RowProducts:
+    """Upper triangle of a sum of ``rows @ rows.T``.
+
+    Parameters
+    ----------
+    q : int
+        Number of rows.
+    """
+
+    def __init__(self, q: int):
+        self.by_tiles = WIDE <= q <= FEW_ROWS
+        if self.by_tiles:
+            self.left, self.strips, self.gather = _plan_strips(q)
+        self.sums = np.zeros(int(self.strips[-1, 0] * WIDE + self.strips[-1, -1]) if self.by_tiles else (q, q))
+
+    def add(self, rows: Array) -> None:
+        """Add the products of these rows, (q, n) and contiguous."""
+        if self.by_tiles:
+            add_groups(rows, self.left, self.strips, rows.shape[1], self.sums)
+        else:
+            add_products(rows, self.sums)
+
+    def triangle(self) -> Array:
+        """The sum so far, row by row."""
+        return self.sums[self.gather] if self.by_tiles else self.sums[np.triu_indices(len(self.sums))]
+
+
+@lru_cache(maxsize=8)
+def _plan_strips(q: int) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
+    """Rows on the left, strips of columns as groups of `add_groups`, and the place of each entry of the triangle.
+
+    A strip has the rows up to its last column. The last one overlaps the one before if q is no multiple of its width.
+    """
+    first = np.minimum(np.arange(0, q, WIDE), q - WIDE)
+    tall = np.array([round_up(at + WIDE, TALL) for at in first.tolist()])
+    begins = np.cumsum(tall * WIDE) - tall * WIDE
+    left = np.append(np.arange(q), np.zeros(TALL - 1)).astype(np.int32)
+    strips = np.column_stack([tall, np.full(tall.size, WIDE), first, begins])
+    i, j = np.triu_indices(q)
+    return left, strips, begins[j // WIDE] + i * WIDE + j - first[j // WIDE]
