@@ -192,6 +192,25 @@ def test_vane_noise_is_no_turbulence_whatever_its_spectrum(coloured):
         assert find_turbulence(flights, [f.difference for f in flights]) is None
 
 
+@pytest.mark.parametrize("sigma", [0.0, 0.1])
+def test_noise_of_a_vane_is_that_of_an_angle(sigma):
+    """At 50 to 110 m/s the same vane has noise of 0.1 to 0.22 m/s, which says nothing about the air."""
+
+    def stated(ch, rng, k):
+        V = ch["V"]
+        gusts = dryden_gusts(T, float(V.mean()), AIRCRAFT.b, np.full(3, 250.0), np.full(3, max(sigma, 1e-9)), rng)
+        noise = 0.05, 0.002, 0.002  # m/s, rad, rad
+        made = {
+            name: np.gradient(gust / scale + size * rng.standard_normal(len(T)), DT)
+            for name, gust, scale, size in zip(("k_V", "k_beta", "k_alpha"), gusts.T, (1.0, V, V), noise)
+        }
+        return {"CZ": 0.01 * rng.standard_normal(len(T)), **made}
+
+    flights = [make(1, 30 + k, stated, V)[0] for k, V in enumerate((50.0, 70.0, 90.0, 110.0))]
+    found = find_turbulence(flights, [f.difference for f in flights])
+    assert (found is not None) == (sigma > 0.0)
+
+
 def test_one_noisy_vane_is_no_turbulence():
     rough, calm = vanes(1.0)(9), vanes(0.0)(9)
     mixed = [{**c.difference, "k_alpha": r.difference["k_alpha"]} for r, c in zip(rough, calm)]

@@ -44,9 +44,13 @@ def fraction_of_air(b: PowerBands, fit: DrydenFit) -> float:
 
 
 def fit_spectrum(b: PowerBands, axis: str, length: float | None, tau: float | None) -> DrydenFit:
-    """Likeliest spectrum: noise, and air of one scale, or noise that keeps for one time, or neither."""
+    """Likeliest spectrum: noise, and air of one scale, or noise that keeps for one time, or neither.
+
+    The noise of a vane is that of an angle: in metres per second it grows with the speed, from flight to flight.
+    """
     omega = 2.0 * np.pi * b.f
     white = omega**2
+    noise = white if axis == "u" else white * (b.V / b.V.mean()) ** 2
     if length is not None:
         shape = np.empty(len(omega))
         for V in np.unique(b.V):
@@ -54,11 +58,11 @@ def fit_spectrum(b: PowerBands, axis: str, length: float | None, tau: float | No
             shape[mine] = _dryden(omega[mine], V, length, axis)
         shape *= white
     elif tau is not None:
-        shape = 4.0 * tau / (1.0 + (omega * tau) ** 2) * white
+        shape = 4.0 * tau / (1.0 + (omega * tau) ** 2) * noise
     else:
         shape = np.zeros(len(b.f))
     high, middle = b.f > 0.6 * b.f.max(), b.f < 0.5 * b.f.max()
-    start = float(np.average(b.power[high] / white[high], weights=b.count[high]))
+    start = float(np.average(b.power[high] / noise[high], weights=b.count[high]))
     size = float(np.median(b.power[middle] / np.where(shape[middle] > 0.0, shape[middle], 1.0)))
     floor = np.full(len(b.f), b.floor)
     flights = int(b.flight.max()) + 1
@@ -66,7 +70,7 @@ def fit_spectrum(b: PowerBands, axis: str, length: float | None, tau: float | No
     held = np.divide(1.0, spread, out=np.zeros(len(spread)), where=spread > 0.0) ** 2
 
     def parts(x: Array) -> tuple[Array, Array, Array]:
-        return np.exp(x[0]) * white, np.exp(x[1]) * floor, np.exp(x[2] + x[3:][b.flight]) * shape
+        return np.exp(x[0]) * noise, np.exp(x[1]) * floor, np.exp(x[2] + x[3:][b.flight]) * shape
 
     def cost(x: Array) -> tuple[float, Array]:
         own, rates, air = parts(x)
