@@ -204,6 +204,25 @@ class CausalRows:
         a2 = sizes[None] ** 2
         return np.asarray(0.5 * z[:, None] ** 2 * a2 / (1.0 + a2 * own[:, None]) - 0.5 * np.log1p(a2 * own[:, None]))
 
+    def jointly(self, null: Null, columns: Sequence[Mapping[str, Array]]) -> float:
+        """Log Bayes factor of columns (n, k) by response, per flight; the noise as it is.
+
+        Their coefficients are common to all flights and responses, with standard deviation one.
+        """
+        count = max(x.shape[1] for one in columns for x in one.values())
+        cross, z, own = np.zeros((count, self.q)), np.zeros(count), np.zeros((count, count))
+        for i, (f, one) in enumerate(zip(self.flights, columns, strict=True)):
+            for c in one.keys() & set(self.responses):
+                x = np.column_stack([averaged(f, c, column) for column in one[c].T])[self.edge : len(f) - self.edge]
+                m = self.X[c, i].shape[1]
+                W = null.filters[c].white(np.hstack([self.X[c, i], self.y[c, i][:, None], x]), i)
+                cross[:, self.place[c, i]] += W[:, m + 1 :].T @ W[:, :m]
+                z += W[:, m + 1 :].T @ W[:, m]
+                own += W[:, m + 1 :].T @ W[:, m + 1 :]
+        values, Q = np.linalg.eigh(own - cross @ null.covariance @ cross.T)
+        values, zq = np.maximum(values, 0.0), Q.T @ (z - cross @ null.mean)
+        return float(0.5 * np.sum(zq**2 / (1.0 + values) - np.log1p(values)))
+
 
 @dataclass(frozen=True, eq=False)
 class Remainder:

@@ -14,9 +14,11 @@ from structsel.comparison.past_motion import DELAY, delayed
 from structsel.comparison.tolerances import Nuisance
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, explained_by_form
 from structsel.diagnosis.isolated import IsolatedResidual, find_isolated
+from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.residuals import residuals
 from structsel.diagnosis.result import Event
+from structsel.diagnosis.weighing import CandidateEffect
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
@@ -65,6 +67,8 @@ class Detection:
         Of the stated parameters, with no tolerance exceeded [stated tolerances].
     isolated : IsolatedResidual, optional
         The residual that lasts most.
+    predicted : PredictedEffect, optional
+        The most probable effect.
     """
 
     tolerances: tuple[ExceededTolerance, ...]
@@ -72,6 +76,7 @@ class Detection:
     events: list[tuple[float, Event]]
     deviations: tuple[tuple[Nuisance, float, float], ...] = ()
     isolated: IsolatedResidual | None = None
+    predicted: PredictedEffect | None = None
 
     @property
     def parts(self) -> dict[str, float]:
@@ -91,16 +96,17 @@ class Detection:
         return tuple(sorted(shown, key=lambda c: -self.remainder[c]))
 
     @property
-    def log_odds(self) -> tuple[float, float]:
-        """Log odds of an exceeded tolerance, and of any other mismatch."""
+    def log_odds(self) -> tuple[float, float, float]:
+        """Log odds of an exceeded tolerance, of the most probable effect, and of any other mismatch."""
         first = self.tolerances[0].log_odds if self.tolerances else -np.inf
         each = [(x - _EVEN[k][0]) / _EVEN[k][1] + np.log(_PRIOR[k]) for k, x in self.parts.items()]
-        return first, float(np.logaddexp(*each))
+        effect = self.predicted.log_odds if self.predicted is not None else -np.inf
+        return first, effect, float(np.logaddexp(*each))
 
     @property
     def probability_by_rows(self) -> float:
         """Probability of a mismatch that prediction errors show."""
-        return float(scipy.special.expit(np.logaddexp(*self.log_odds)))
+        return float(scipy.special.expit(scipy.special.logsumexp(self.log_odds)))
 
     @property
     def probability(self) -> float:
@@ -164,7 +170,9 @@ class Detection:
         return float(scipy.special.logsumexp([x + np.log(_PRIOR[k]) for k, x in self.parts.items()]))
 
 
-def detect(flights: Sequence[Flight], problem: DiagnosisProblem) -> Detection | None:
+def detect(
+    flights: Sequence[Flight], problem: DiagnosisProblem, candidates: Sequence[CandidateEffect] = ()
+) -> Detection | None:
     """Evidence of any mismatch; None if the flights are not those of an aircraft with coefficients.
 
     Parameters
@@ -172,6 +180,8 @@ def detect(flights: Sequence[Flight], problem: DiagnosisProblem) -> Detection | 
     flights : sequence of Flight
     problem : DiagnosisProblem
         Of these flights, without effects.
+    candidates : sequence of CandidateEffect
+        Effects that may be there.
     """
     if not set(flights[0].simulated) & set(COEFFICIENTS) or not set(AIRFRAME) <= set(flights[0].channels):
         return None
@@ -193,7 +203,8 @@ def detect(flights: Sequence[Flight], problem: DiagnosisProblem) -> Detection | 
     std = np.sqrt(np.diag(null.covariance))
     deviations = tuple((n, float(m), float(s)) for n, m, s in zip(rows.tolerances, null.mean, std))
     isolated = find_isolated(flights, residuals(problem))
-    return Detection(tuple(best.values()), remainder, events, deviations, isolated)
+    predicted = find_predicted(rows, null, problem, candidates)
+    return Detection(tuple(best.values()), remainder, events, deviations, isolated, predicted)
 
 
 def _unknown_function(

@@ -34,7 +34,7 @@ from structsel.diagnosis.selftest import self_test
 from structsel.diagnosis.signatures import Library, work_out
 from structsel.diagnosis.tracing import traces_of
 from structsel.diagnosis.unattributed import detected, find_unknown, turbulent
-from structsel.diagnosis.weighing import unconfirmed_log_bayes
+from structsel.diagnosis.weighing import CandidateEffect, unconfirmed_log_bayes
 from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
 from structsel.nomenclature import COEFFICIENTS, suggest
@@ -142,12 +142,12 @@ def conclude(
             "others. A second manoeuvre would show whether the findings hold in other conditions"
         )
 
-    def ask(scores: Sequence[EffectScore]) -> Detection | None:
+    def ask(scores: Sequence[EffectScore], candidates: Sequence[CandidateEffect]) -> Detection | None:
         """Detection of any mismatch in calm air: in turbulence the differences cause the motion."""
         nonlocal turbulence
         if turbulence is None:
             turbulence = turbulence_without_vanes(flights, residuals(problem), unconfirmed_log_bayes(scores))
-        return None if turbulence is not None else detect(flights, problem)
+        return None if turbulence is not None else detect(flights, problem, candidates)
 
     ranking = rank(problem, library, progress, ask)
 

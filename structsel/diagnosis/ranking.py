@@ -113,7 +113,7 @@ def rank(
     problem: DiagnosisProblem,
     library: Library,
     progress: Progress | None = None,
-    ask: Callable[[Sequence[EffectScore]], Detection | None] | None = None,
+    ask: Callable[[Sequence[EffectScore], Sequence[CandidateEffect]], Detection | None] | None = None,
 ) -> Ranking:
     """Enter effects one by one as long as another one is probable.
 
@@ -123,7 +123,8 @@ def rank(
     library : Library
     progress : callable, optional
     ask : callable, optional
-        Returns the detection of any mismatch, or None, from the scores of all effects; called if none is probable.
+        Returns the detection of any mismatch, or None, from the scores of all effects and the candidates; called if
+        none is probable.
     """
     tell = progress or (lambda what, done, of: None)
     start, motion = problem, InputDrivenMotion.of(problem.flights)
@@ -141,7 +142,7 @@ def rank(
             p = _by_name(candidates, probabilities(candidates))
         else:
             p = _by_name(candidates, first_probabilities(candidates, white_fraction(problem)))
-            if 1.0 - p["nothing"] < NAMED and ask is not None and (seen := ask(scores)) is not None:
+            if 1.0 - p["nothing"] < NAMED and ask is not None and (seen := ask(scores, candidates)) is not None:
                 p = with_detection(p, seen, candidates, {s.effect for s in scores})
         candidates.sort(key=lambda one: -p[one.effect])
         alternatives = tuple(sorted(p.items(), key=lambda item: -item[1]))
@@ -183,6 +184,8 @@ def with_detection(
     beyond = p["nothing"] * seen.probability_by_rows
     made = dict(p) | {"nothing": p["nothing"] * (1.0 - seen.probability)}
     largest = max((log_bayes(one.score) for one in candidates), default=-np.inf)
+    if seen.predicted is not None:
+        largest = max(largest, seen.predicted.log_bayes)
     exceeded = seen.tolerances[0].log_bayes if seen.tolerances else -np.inf
     of_effects, of_tolerances, _ = beyond * softmax(np.array([largest, exceeded, seen.log_bayes]) / SCALE)
     for one, fraction in zip(candidates, softmax([one.log_odds for one in candidates]) if candidates else ()):

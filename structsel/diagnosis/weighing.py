@@ -71,7 +71,7 @@ the size by this log Bayes factor. Small physics that is not modelled, and gusts
 resemble every effect a little. Log odds without alternatives, where less than a tenth is white and the error decreases
 by less than a sixth: up to 1.9 in correct simulations, real ones and those of the proof; 3.9 and 4.6 with a real effect
 that acts for a short time."""
-_AGREED = 2.0  # log Bayes factor of the size that flights agree on, at which an effect has probability one half
+AGREED = 2.0  # log Bayes factor of the size that flights agree on, at which an effect has probability one half
 NOTHING_UNTESTED = -6.031
 WEIGHTS_UNTESTED = np.array([2.576, 0.059, 3.158, 2.192, 1.923, 0.071, -1.945, 0.362, 0.532, 0.5])
 """Earlier weights, for effects that are not tested on the response to the inputs: their evidence is worth less."""
@@ -266,7 +266,7 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
             behind(one, [other for other, *_ in kept]),
         )
         of_form = beyond_form(problem, extended)
-        max_log_odds = min(np.inf if one.event else agreed(extended), of_form) - _AGREED
+        max_log_odds = min(np.inf if one.event else agreed(extended), of_form) - AGREED
         identified = problem.flights[0].is_identified
         lowers = gain >= _LOWERS or taken.judged_there >= _THERE
         x = np.array(values, dtype=float)
@@ -326,7 +326,7 @@ def first_probabilities(candidates: Sequence[CandidateEffect], white: float | No
         return np.ones(1)
     coloured = 0.0 if white is None else (1.0 - white) ** _DECAY
     counts = 0.0 if white is None else white * (1.0 - coloured**2)
-    evidence = [min((counts * log_bayes(c.score) - _EVEN) / _SCALE, c.of_form - _AGREED) for c in candidates]
+    evidence = [min((counts * log_bayes(c.score) - _EVEN) / _SCALE, c.of_form - AGREED) for c in candidates]
     as_given = [one.log_odds_alone - coloured * one.loss for one in candidates if one.lowers]
     some = float(scipy.special.expit(max([*evidence, *as_given])))
     return np.array([1.0 - some, *(some * scipy.special.softmax([one.log_odds for one in candidates]))])
