@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.regressors import (
+    CHUNK,
     READ_AT_ONCE,
     DataSource,
     MonomialPlan,
@@ -31,8 +32,6 @@ from structsel.numerics.regressors import (
     plan_monomials,
 )
 from structsel.numerics.tiles import TALL, WIDE, add_groups, round_up
-
-_CHUNK = 256  # samples of the rows: two rows of a tile fit in the first-level cache, all rows in the second
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ class PolynomialProducts:
         self.plan, self.scales = plan, scales
         self.gather = _triangle_of(words, scales[0].size, scales[1].size)
         above = self.above = 1 + scales[1].size
-        self.rows = np.empty((above + plan.rows.n_rows + WIDE - 1, _CHUNK))
+        self.rows = np.empty((above + plan.rows.n_rows + WIDE - 1, CHUNK))
         self.rows[0] = 1.0
         self.rows[above + plan.rows.n_rows :] = 1.0
         left = np.concatenate([np.arange(above), above + plan.prefix, np.zeros(TALL - 1)])
@@ -156,8 +155,8 @@ class PolynomialProducts:
             end = min(slab + READ_AT_ONCE, stop)
             base = source.base(slab, end) / self.scales[0][:, None]
             response = source.responses(slab, end) / self.scales[1][:, None]
-            for a in range(0, end - slab, _CHUNK):
-                b = min(a + _CHUNK, end - slab)
+            for a in range(0, end - slab, CHUNK):
+                b = min(a + CHUNK, end - slab)
                 fill_rows(base[:, a:b].copy(), plan.target, plan.parent, plan.factor, monomials)
                 responses[:, : b - a] = response[:, a:b]
                 add_groups(self.rows, self.left, self.groups, b - a, sums)
