@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial, reduce
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +32,7 @@ from structsel.numerics.blocks import (
 from structsel.numerics.compiling import njit
 from structsel.numerics.noise_models import ARNoise, pooled_innovation_std, prewhiten
 from structsel.numerics.polynomial_products import PolynomialProducts, plan_polynomial_products
-from structsel.numerics.rank_update import RowProducts
+from structsel.numerics.rank_update import RowProducts, upper_triangle
 from structsel.numerics.regressors import (
     CHUNK,
     DataSource,
@@ -199,17 +198,6 @@ def _places(q: int) -> NDArray[np.intp]:
     table[upper] = np.arange(upper[0].size)
     table.T[upper] = table[upper]
     return table
-
-
-@lru_cache(maxsize=8)
-def _upper(q: int) -> NDArray[np.intp]:
-    """Places of the upper triangle, row by row, in a (q, q) matrix."""
-    return np.flatnonzero(np.triu(np.ones((q, q), dtype=bool)))
-
-
-def upper_triangle(matrix: NDArray[Any]) -> NDArray[Any]:
-    """Upper triangle of a square matrix, row by row."""
-    return np.take(matrix, _upper(len(matrix)))
 
 
 @njit(cache=True, nogil=True)

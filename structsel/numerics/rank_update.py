@@ -84,7 +84,7 @@ class RowProducts:
 
     def triangle(self) -> Array:
         """The sum so far, row by row."""
-        return self.sums[self.gather] if self.by_tiles else self.sums[np.triu_indices(len(self.sums))]
+        return self.sums[self.gather] if self.by_tiles else upper_triangle(self.sums)
 
 
 @lru_cache(maxsize=8)
@@ -100,3 +100,14 @@ def _plan_strips(q: int) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[
     strips = np.column_stack([tall, np.full(tall.size, WIDE), first, begins])
     i, j = np.triu_indices(q)
     return left, strips, begins[j // WIDE] + i * WIDE + j - first[j // WIDE]
+
+
+@lru_cache(maxsize=8)
+def _upper(q: int) -> NDArray[np.intp]:
+    """Places of the upper triangle, row by row, in a (q, q) matrix."""
+    return np.flatnonzero(np.triu(np.ones((q, q), dtype=bool)))
+
+
+def upper_triangle(matrix: NDArray[Any]) -> NDArray[Any]:
+    """Upper triangle of a square matrix, row by row."""
+    return np.take(matrix, _upper(len(matrix)))
