@@ -226,6 +226,16 @@ def test_an_angle_that_hardly_moves_shows_no_turbulence(size, shows):
     assert turbulence_shows(flow) == shows
 
 
+@pytest.mark.parametrize(("noise", "shows"), [(0.03, False), (0.3, True)])
+def test_signals_that_are_constant_in_a_manoeuvre_neither_show_turbulence_nor_hide_it(noise, shows):
+    rng = np.random.default_rng(5)
+    angle = np.sin(np.arange(2000) / 40.0) + noise * rng.standard_normal(2000)
+    for levels in ([], [0.1, -0.7, 3.3], list(rng.standard_normal(7))):
+        signals = np.array([angle, *(np.full(2000, level) for level in levels)])
+        flow = FlowAngles([ArrayData(signals, np.ones((1, 2000)))], (0,))
+        assert turbulence_shows(flow) == shows
+
+
 def test_in_strong_gusts_causal_intervals_of_yawing_moment_hold_and_its_instruments_are_doubted(flights):
     recordings, truth = flights
     terms = [term for term in truth["Cn"] if term != "1"]

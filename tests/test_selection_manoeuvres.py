@@ -101,6 +101,16 @@ def test_cross_products_within_manoeuvres_are_those_of_the_deviations_from_their
     assert within.dof() == 1200 - 3
 
 
+def test_a_column_that_is_constant_in_every_manoeuvre_has_no_products_left():
+    rng = np.random.default_rng(4)
+    flap = [0.1, 0.35, 0.7]
+    sources = [ArrayData(np.vstack([rng.normal(size=300), np.full(300, k)]), rng.normal(size=(1, 300))) for k in flap]
+    given = cross_products(sources, np.array([[1, 0], [0, 1], [0, 2]]), blocks=6)
+    within = given.within_manoeuvres().total()
+    assert not within[2:4].any()
+    assert within[1, 1] > 0.9 * given.total()[1, 1]
+
+
 def test_recordings_of_different_levels_have_constants_of_their_own_by_default():
     # The level goes with the trim angle of attack, which one constant would take for a part of Cm_alpha.
     trims = [0.02, 0.05, 0.08, 0.11]

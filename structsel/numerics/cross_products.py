@@ -44,6 +44,8 @@ from structsel.numerics.regressors import (
     words_of,
 )
 
+CONSTANT = 1e-11  # of a column's mean square: rounding of a constant column
+
 
 @dataclass(frozen=True)
 class CrossProducts:
@@ -143,7 +145,8 @@ class CrossProducts:
             G_ij - m_i G_0j - G_i0 m_j + m_i m_j G_00
 
         Least squares on them gives the slopes of least squares with those constants (Frisch, Waugh and Lovell). Blocks
-        of a manoeuvre keep its coefficients, so that they still add up.
+        of a manoeuvre keep its coefficients, so that they still add up. Products of a column that is constant in every
+        manoeuvre are zero: what rounding leaves of it could be anything.
 
         Raises
         ------
@@ -165,6 +168,9 @@ class CrossProducts:
                 m[np.setdiff1d(np.arange(m.size), columns)] = 0.0
             for b in blocks:
                 remove_constant(packed[b], self.sums[b], m)
+        diagonal = diagonal_places(self.scale.size)
+        still = packed[:, diagonal].sum(axis=0) <= CONSTANT * self.packed[:, diagonal].sum(axis=0)
+        packed[:, np.unique(_places(self.scale.size)[still])] = 0.0
         return replace(self, packed=packed, own_constants=columns is None)
 
     def of_candidates(self, candidates: NDArray[np.integer]) -> CrossProducts:

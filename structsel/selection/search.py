@@ -15,7 +15,7 @@ from structsel.numerics import criteria
 from structsel.numerics.arrays import Array
 from structsel.numerics.cluster_stepwise import samples_per_independent_sample
 from structsel.numerics.collinearity import drop_correlated
-from structsel.numerics.cross_products import CrossProducts, diagonal_places
+from structsel.numerics.cross_products import CONSTANT, CrossProducts, diagonal_places
 from structsel.numerics.inclusion import DEPENDENT, inclusion_probabilities
 from structsel.numerics.normal_equations import centre, centre_triangle, project, solve_normal_equations
 from structsel.numerics.search_path import SearchStep
@@ -29,7 +29,6 @@ Fold = tuple[Array, Array]
 """Products [1, x, y] of the samples to fit, and of those to predict."""
 
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding, and no model is better for it
-CONSTANT = 1e-11  # of a column's mean square: rounding of a constant column
 FOLDS_WITHIN = 4  # parts left out in turn where there is a single manoeuvre
 MAX_FOLDS = 12
 
