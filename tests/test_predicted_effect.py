@@ -70,14 +70,18 @@ def test_a_missing_term_has_evidence_in_prediction_errors_and_none_in_a_correct_
     assert found["correct"].log_bayes < 3.0
 
 
-def test_detection_asks_the_most_probable_effect_unless_it_is_an_event(correct):
+def test_detection_asks_the_most_probable_effect_unless_it_is_an_event_or_an_instrument(correct):
     problem, one = DiagnosisProblem.set_up(correct, ()), candidate(correct)
     found = detect(correct, problem, [one])
     assert found.predicted.effect == "missing-term"
     assert found.probability < 0.05
     assert detect(correct, problem, []).predicted is None
-    searched = SimpleNamespace(effect=one.effect, event=True, hypothesis=one.score.hypothesis, input_only=True)
+    hypothesis = one.score.hypothesis
+    searched = SimpleNamespace(effect=one.effect, event=True, hypothesis=hypothesis, input_only=True)
     assert detect(correct, problem, [replace(one, score=searched)]).predicted is None
+    instrument = replace(one.score, hypothesis=replace(hypothesis, kind="sensor"))
+    assert not instrument.event
+    assert detect(correct, problem, [replace(one, score=instrument)]).predicted is None
 
 
 def test_coloured_noise_and_the_form_of_an_identified_simulation_limit_it():

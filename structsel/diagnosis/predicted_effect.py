@@ -55,7 +55,9 @@ def find_predicted(
     problem: DiagnosisProblem,
     candidates: Sequence[CandidateEffect],
 ) -> PredictedEffect | None:
-    """The most probable candidate in the prediction errors; None if it is an event, whose time was searched.
+    """The most probable candidate in the prediction errors.
+
+    None if it is an event, whose time was searched, or an error of an instrument, whose biases are free in each flight.
 
     Parameters
     ----------
@@ -67,7 +69,7 @@ def find_predicted(
     candidates : sequence of CandidateEffect
     """
     first = max(candidates, key=lambda one: one.log_odds, default=None)
-    if first is None or first.score.event:
+    if first is None or first.score.event or first.score.hypothesis.kind == "sensor":
         return None
     variant = first.score.signature.variant
     sd = np.array([parameter.sd for parameter in variant.parameters])
