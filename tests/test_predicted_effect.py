@@ -64,7 +64,7 @@ def test_a_missing_term_has_evidence_in_prediction_errors_and_none_in_a_correct_
     one, found = candidate(bent), {}
     for name, flights in (("bent", bent), ("correct", correct)):
         rows = CausalRows(flights, tolerances_of(flights))
-        found[name] = find_predicted(rows, rows.null(), DiagnosisProblem.set_up(flights, ()), [one])
+        found[name] = find_predicted(rows, rows.null(), [one], 1.0)
     assert found["bent"].effect == "missing-term"
     assert found["bent"].log_bayes > 30.0
     assert found["correct"].log_bayes < 3.0

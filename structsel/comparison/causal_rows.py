@@ -188,16 +188,21 @@ class CausalRows:
                 noise = Filter.of(left, self.order)
         return best
 
+    def _white(self, null: Null, response: str, i: int, columns: Array) -> tuple[Array, Array, Array]:
+        """Tolerances and biases, difference, and further columns of flight i, through the filter of the null."""
+        m = self.X[response, i].shape[1]
+        given = np.hstack([self.X[response, i], self.y[response, i][:, None], columns])
+        W = null.filters[response].white(given, i)
+        return W[:, :m], W[:, m], W[:, m + 1 :]
+
     def single(self, null: Null, response: str, columns: Mapping[int, Array], sizes: Array) -> Array:
         """(columns, sizes) log Bayes factors of single columns, (n, columns) by flight; the noise as it is."""
         count = next(iter(columns.values())).shape[1]
         cross, z, full = np.zeros((count, self.q)), np.zeros(count), np.zeros(count)
         for i, S in columns.items():
-            m = self.X[response, i].shape[1]
-            W = null.filters[response].white(np.hstack([self.X[response, i], self.y[response, i][:, None], S]), i)
-            s = W[:, m + 1 :]
-            cross[:, self.place[response, i]] += s.T @ W[:, :m]
-            z += s.T @ W[:, m]
+            X, y, s = self._white(null, response, i, S)
+            cross[:, self.place[response, i]] += s.T @ X
+            z += s.T @ y
             full += (s**2).sum(axis=0)
         z -= cross @ null.mean
         own = np.maximum(full - ((cross @ null.covariance) * cross).sum(axis=1), 1e-6 * full)
@@ -214,11 +219,10 @@ class CausalRows:
         for i, (f, one) in enumerate(zip(self.flights, columns, strict=True)):
             for c in one.keys() & set(self.responses):
                 x = np.column_stack([averaged(f, c, column) for column in one[c].T])[self.edge : len(f) - self.edge]
-                m = self.X[c, i].shape[1]
-                W = null.filters[c].white(np.hstack([self.X[c, i], self.y[c, i][:, None], x]), i)
-                cross[:, self.place[c, i]] += W[:, m + 1 :].T @ W[:, :m]
-                z += W[:, m + 1 :].T @ W[:, m]
-                own += W[:, m + 1 :].T @ W[:, m + 1 :]
+                X, y, s = self._white(null, c, i, x)
+                cross[:, self.place[c, i]] += s.T @ X
+                z += s.T @ y
+                own += s.T @ s
         values, Q = np.linalg.eigh(own - cross @ null.covariance @ cross.T)
         values, zq = np.maximum(values, 0.0), Q.T @ (z - cross @ null.mean)
         return float(0.5 * np.sum(zq**2 / (1.0 + values) - np.log1p(values)))

@@ -16,7 +16,7 @@ from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_a
 from structsel.diagnosis.isolated import IsolatedResidual, find_isolated
 from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted
 from structsel.diagnosis.problem import DiagnosisProblem
-from structsel.diagnosis.residuals import residuals
+from structsel.diagnosis.residuals import residuals, white_fraction
 from structsel.diagnosis.result import Event
 from structsel.diagnosis.weighing import CandidateEffect
 from structsel.nomenclature import COEFFICIENTS
@@ -195,15 +195,18 @@ def detect(
     single = _of_unit_size([x[rows.edge : len(x) - rows.edge] for x in features(flights, _ATTITUDE)])
     remainder = {c: _unknown_function(rows, null, c, inside, single, form[c]) for c in rows.responses}
     events = [_event(rows, null, i) for i in range(len(flights))]
+    white = white_fraction(problem) or 0.0
     alike = explained_by_form(problem, rows.size, form)
-    causes = exceeded(rows.tolerances, null.mean, null.covariance, form=alike) + exceeded_as_recorded(problem, alike)
+    causes = exceeded(rows.tolerances, null.mean, null.covariance, form=alike) + exceeded_as_recorded(
+        problem, alike, white
+    )
     best: dict[str, ExceededTolerance] = {}
     for one in sorted(causes, key=lambda one: -one.log_bayes):
         best.setdefault(one.tolerance.name, one)
     std = np.sqrt(np.diag(null.covariance))
     deviations = tuple((n, float(m), float(s)) for n, m, s in zip(rows.tolerances, null.mean, std))
     isolated = find_isolated(flights, residuals(problem))
-    predicted = find_predicted(rows, null, problem, candidates)
+    predicted = find_predicted(rows, null, candidates, white)
     return Detection(tuple(best.values()), remainder, events, deviations, isolated, predicted)
 
 

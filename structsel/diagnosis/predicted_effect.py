@@ -13,8 +13,6 @@ import numpy as np
 
 from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.past_motion import with_motion_delayed
-from structsel.diagnosis.problem import DiagnosisProblem
-from structsel.diagnosis.residuals import white_fraction
 from structsel.diagnosis.weighing import AGREED, CandidateEffect
 
 _EVEN, _SCALE = 12.0, 1.5
@@ -50,10 +48,7 @@ class PredictedEffect:
 
 
 def find_predicted(
-    rows: CausalRows,
-    null: Null,
-    problem: DiagnosisProblem,
-    candidates: Sequence[CandidateEffect],
+    rows: CausalRows, null: Null, candidates: Sequence[CandidateEffect], white: float
 ) -> PredictedEffect | None:
     """The most probable candidate in the prediction errors.
 
@@ -64,9 +59,9 @@ def find_predicted(
     rows : CausalRows
     null : Null
         Of these rows.
-    problem : DiagnosisProblem
-        Without effects.
     candidates : sequence of CandidateEffect
+    white : float
+        Fraction of white noise in the residual of the forces.
     """
     first = max(candidates, key=lambda one: one.log_odds, default=None)
     if first is None or first.score.event or first.score.hypothesis.kind == "sensor":
@@ -77,4 +72,4 @@ def find_predicted(
     columns = [{c: x * sd for c, x in variant.columns(f).items() if c in rows.responses and x.any()} for f in late]
     if not any(columns):
         return None
-    return PredictedEffect(first.effect, rows.jointly(null, columns), white_fraction(problem) or 0.0, first.of_form)
+    return PredictedEffect(first.effect, rows.jointly(null, columns), white, first.of_form)

@@ -14,6 +14,7 @@ import numpy as np
 
 from structsel.numerics.arrays import REORDERED, UNCOUNTED, Array
 from structsel.numerics.compiling import njit
+from structsel.numerics.tiles import round_up
 
 SMALLEST_SPREAD, LARGEST_SPREAD = 0.52, 1.93
 """Between them the centre point's weight is not negative."""
@@ -44,7 +45,7 @@ def sigma_points(spread: float, L: int) -> SigmaPoints:
 
 def padded(n: int) -> int:
     """The next multiple of `LANES`."""
-    return -(-n // LANES) * LANES
+    return round_up(n, LANES)
 
 
 def aligned_zeros(rows: int, columns: int) -> Array:
