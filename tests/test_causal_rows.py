@@ -11,10 +11,10 @@ from scipy.signal import lfilter
 from statsmodels.sandbox.regression.gmm import IV2SLS
 
 import structsel as ss
-from structsel.numerics.cross_products import prewhitened_cross_products
 from structsel.numerics.instrumental import InstrumentedProducts
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.past_data import RESIDUAL_LAGS, SIGNAL_LAGS, PastData, past_exponents
+from structsel.numerics.prewhitened_products import prewhitened_cross_products
 from structsel.numerics.regressors import ArrayData
 from structsel.selection.causal import turbulence_shows
 from structsel.selection.choices import FlowAngles

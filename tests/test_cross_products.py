@@ -10,10 +10,11 @@ from scipy.signal import lfilter
 
 from structsel.errors import SelectionError, TermError
 from structsel.numerics.blocks import split_manoeuvres
-from structsel.numerics.cross_products import cross_products, prewhitened_cross_products
+from structsel.numerics.cross_products import cross_products
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import centre
 from structsel.numerics.polynomial_products import plan_polynomial_products
+from structsel.numerics.prewhitened_products import prewhitened_cross_products
 from structsel.numerics.rank_update import RowProducts, add_products
 from structsel.numerics.regressors import CHUNK, ArrayData, words_of
 

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from structsel.formatting import count_of
 from structsel.numerics.arrays import Array
-from structsel.numerics.cross_products import CrossProducts, cross_products, prewhitened_cross_products
+from structsel.numerics.cross_products import CrossProducts, cross_products
 from structsel.numerics.instrumental import InstrumentedProducts, PastFit
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import project, solve_normal_equations
 from structsel.numerics.past_data import RESIDUAL_LAGS, SIGNAL_LAGS, PastData, past_exponents
+from structsel.numerics.prewhitened_products import prewhitened_cross_products
 from structsel.numerics.regressors import DataSource, Scales, find_scales
 from structsel.numerics.residuals import fit_residual_noise
 from structsel.numerics.search_path import SearchStep

@@ -10,10 +10,11 @@ import scipy
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.cross_products import CrossProducts, prewhitened_cross_products
+from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.inclusion import DEPENDENT
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import least_rss, project
+from structsel.numerics.prewhitened_products import prewhitened_cross_products
 from structsel.numerics.regressors import DataSource
 from structsel.selection.choices import Choice, EngineData, fit_noise
 from structsel.selection.data import SelectedResponses
