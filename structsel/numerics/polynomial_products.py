@@ -153,13 +153,13 @@ class PolynomialProducts:
         responses, monomials = self.rows[1:above], self.rows[above:]
         for slab in range(start, stop, READ_AT_ONCE):
             end = min(slab + READ_AT_ONCE, stop)
-            base = source.base(slab, end) / self.scales[0][:, None]
-            response = source.responses(slab, end) / self.scales[1][:, None]
+            base = np.ascontiguousarray(source.base(slab, end), dtype=float)
+            response = source.responses(slab, end)
             for a in range(0, end - slab, CHUNK):
-                b = min(a + CHUNK, end - slab)
-                fill_rows(base[:, a:b].copy(), plan.target, plan.parent, plan.factor, monomials)
-                responses[:, : b - a] = response[:, a:b]
-                add_groups(self.rows, self.left, self.groups, b - a, sums)
+                c = min(CHUNK, end - slab - a)
+                fill_rows(base, a, c, 1.0 / self.scales[0], plan.target, plan.parent, plan.factor, monomials)
+                responses[:, :c] = response[:, a : a + c] / self.scales[1][:, None]
+                add_groups(self.rows, self.left, self.groups, c, sums)
         own, *each = (
             sums[at : at + tall * wide].reshape(tall, wide)[:n, :m]
             for (tall, wide, _, at), (n, m) in zip(self.groups, self.sizes, strict=True)

@@ -174,23 +174,24 @@ def plan_monomials(words: tuple[Word, ...]) -> MonomialPlan:
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def fill_rows(
     base: NDArray[np.float64],
+    first: int,
+    c: int,
+    weight: NDArray[np.float64],
     target: NDArray[np.int32],
     parent: NDArray[np.int32],
     factor: NDArray[np.int32],
     out: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
-    """Write each planned row into ``out``; ``base`` is (s, c), ``out`` (n_rows, >= c)."""
-    c = base.shape[1]
+    """Write ``c`` samples of each planned row: of the base signals times ``weight``, from sample ``first``."""
     for i in range(target.size):
-        row = out[target[i]]
-        signal = base[factor[i]]
+        row, signal, unit = out[target[i]], base[factor[i], first : first + c], weight[factor[i]]
         if parent[i] < 0:
             for t in range(c):
-                row[t] = signal[t]
+                row[t] = unit * signal[t]
         else:
             above = out[parent[i]]
             for t in range(c):
-                row[t] = above[t] * signal[t]
+                row[t] = above[t] * (unit * signal[t])
 
 
 # ---------------------------------------------------------------- rows
@@ -233,14 +234,12 @@ class RegressorChunks:
         p = self.q - 1 - self.m
         for slab in range(start, stop, READ_AT_ONCE):
             end = min(slab + READ_AT_ONCE, stop)
-            base = source.base(slab - self.reach, end) / self.base_scale[:, None]
-            response = source.responses(slab - self.reach, end) / self.response_scale[:, None]
+            base = np.ascontiguousarray(source.base(slab - self.reach, end), dtype=float)
+            response = source.responses(slab - self.reach, end)
             for a in range(slab, end, self.chunk):
-                b = min(a + self.chunk, end)
-                inside = slice(a - slab, b - slab + self.reach)
-                width = b - a + self.reach
+                width = min(a + self.chunk, end) - a + self.reach
                 rows = self.workspace[: self.n_rows * width].reshape(self.n_rows, width)
                 rows[0] = 1.0
-                fill_rows(base[:, inside].copy(), self.target, self.parent, self.factor, rows)
-                rows[1 + p : self.q] = response[:, inside]
+                fill_rows(base, a - slab, width, 1.0 / self.base_scale, self.target, self.parent, self.factor, rows)
+                rows[1 + p : self.q] = response[:, a - slab : a - slab + width] / self.response_scale[:, None]
                 yield rows[: self.q]
