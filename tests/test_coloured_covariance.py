@@ -85,6 +85,19 @@ def test_the_last_correlated_lag_is_that_of_a_moving_average_and_counts_sampled_
     assert last_correlated_lag(covariance[:5], pairs[:5]) == 5  # too few lags to say
 
 
+@pytest.mark.parametrize("rho", [0.0, 0.8, 0.99])
+@pytest.mark.parametrize("n", [9, 300, 5000])
+def test_few_lags_directly_and_all_by_transforms_give_the_same_covariance(n, rho):
+    # A channel without samples leaves the sum as it is; with it the transforms are used. At rho = 0.99 both use them.
+    rng = np.random.default_rng(10)
+    S, e = np.stack([ar1(rng, n, 0.9), np.ones(n)])[:, :, None], ar1(rng, n, rho)[:, None]
+    absent = np.full((n, 1), np.nan)
+    both = score_covariance(np.concatenate([S, np.zeros_like(S)], axis=2), np.concatenate([e, absent], axis=1))
+    alone = score_covariance(S, e)
+    assert_allclose(both, alone, rtol=1e-10, atol=1e-12 * np.abs(alone).max())
+    assert not score_covariance(S, 0.0 * e).any()
+
+
 def test_residuals_of_channels_sampled_at_different_rates_need_no_filling_in():
     # The slow channel alone, and with one whose residuals carry no information on the parameter.
     rng = np.random.default_rng(9)

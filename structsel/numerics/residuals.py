@@ -182,8 +182,10 @@ def _scatter_of_block(
     meat = np.zeros((k, k))
     for part in block:
         for a, b in split_for_correlation(part.stop - part.start):
-            parts = [rows.copy() for rows in chunks.over(part.source, part.start + a, part.start + b)]
-            rows = np.concatenate(parts, axis=1)
+            rows, stop = np.empty((chunks.q, b - a)), 0
+            for slab in chunks.over(part.source, part.start + a, part.start + b):
+                start, stop = stop, stop + slab.shape[1]
+                rows[:, start:stop] = slab
             if own_constants:
                 rows -= rows.mean(axis=1, keepdims=True)
             residual = rows[k + response] - weights @ rows[:k]

@@ -40,11 +40,14 @@ import numpy as np
 import scipy
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.noise_models import prewhiten
+from structsel.numerics.regressors import SLAB
 
 LONGEST_SEGMENT = 1 << 16
 """Maximum number of samples of a segment, which bounds the memory; lags across the ends of segments are not counted."""
 _IN_A_ROW = 5
-FEW_LAGS = 24  # each side; as fast as transforms of 20,000 samples, and faster for fewer
+_WINDOW = 6  # length of the lag window, in lags that are correlated
+FEW_LAGS = 240  # each side; twice as fast as transforms of 20,000 samples, and faster for fewer
 
 
 def coloured_covariance(X: Sequence[Array], residuals: Sequence[Array]) -> Array:
@@ -102,7 +105,53 @@ def split_for_correlation(n: int) -> Iterator[tuple[int, int]]:
 
 
 def _score_covariance(S: Array, residuals: Array) -> Array:
-    """The double sum of `score_covariance` over one segment, by transforms."""
+    """The double sum of `score_covariance` over one segment."""
+    if residuals.shape[1] == 1 and np.isfinite(residuals).all():
+        lags = _few_lags(residuals[:, 0])
+        if lags.size:
+            return _sum_over_lags(S[:, :, 0], lags)
+    return _sum_over_frequencies(S, residuals)
+
+
+def _few_lags(residual: Array) -> Array:
+    """Autocovariance times the lag window, by lag from 0; empty if there are more than `FEW_LAGS`."""
+    n = residual.size
+    longest = n // 5 + 1
+
+    def covariance(count: int) -> Array:
+        return np.correlate(np.append(residual, np.zeros(count - 1)), residual) / (n - np.arange(count))
+
+    for count in (2 * _IN_A_ROW, FEW_LAGS // _WINDOW + _IN_A_ROW + 1):  # white residuals need only the first
+        found = covariance(min(count, longest))
+        correlated = last_correlated_lag(found, n - np.arange(found.size))
+        if correlated + _IN_A_ROW <= found.size:
+            break
+    reach = min(_WINDOW * correlated, longest)
+    if reach > FEW_LAGS:
+        return np.empty(0)
+    if reach > found.size:
+        found = covariance(reach)
+    return found[:reach] * parzen_window(np.arange(reach) / reach)
+
+
+def _sum_over_lags(S: Array, lags: Array) -> Array:
+    """Sum of x(i) R(i - j) x(j)' for columns x(i) of S (k, n) and R by lag: half of it, and its transpose."""
+    k, n = S.shape
+    total = np.zeros((k, k))
+    if not lags[0]:
+        return total  # no residual
+    past, filtered = lags.size - 1, np.empty((k, SLAB))
+    for start in range(0, n, SLAB):  # a slab stays in the cache
+        stop, first = min(start + SLAB, n), max(start - past, 0)
+        rows = np.zeros((k, past + stop - start))
+        rows[:, first - stop :] = S[:, first:stop]
+        prewhiten(rows, -2.0 * lags[1:] / lags[0], 0.5 * lags[0], past, filtered)
+        total += S[:, start:stop] @ filtered[:, : stop - start].T
+    return total + total.T
+
+
+def _sum_over_frequencies(S: Array, residuals: Array) -> Array:
+    """The double sum by transforms, for any number of channels and of lags."""
     k, n, _ = S.shape
     channels = np.flatnonzero(np.isfinite(residuals).any(axis=0))
     if not channels.size:
@@ -124,13 +173,7 @@ def _score_covariance(S: Array, residuals: Array) -> Array:
         return scipy.fft.irfft(v[:, a] * v[:, b].conj(), size) / np.maximum(pairs, 1.0), pairs
 
     own = [covariance(c, c) for c in range(channels.size)]
-    reach = min(max(6 * last_correlated_lag(*(x[:longest] for x in of)) for of in own), longest)
-    if channels.size == 1 and complete and reach <= FEW_LAGS:
-        # R(l) w(l) x(i - l) directly: few lags cost less than transforms of all sensitivities.
-        lags = np.arange(-reach, reach + 1)
-        weights = parzen_window(np.abs(lags) / reach) * own[0][0][lags]
-        filtered = scipy.ndimage.correlate1d(S[:, :, 0], weights, axis=1, mode="constant")
-        return S[:, :, 0] @ filtered.T
+    reach = min(max(_WINDOW * last_correlated_lag(*(x[:longest] for x in of)) for of in own), longest)
     window = parzen_window(distance / reach)
     # Parseval: the sum over samples is one over the frequencies of a real transform, which holds one of each pair.
     weight = np.full(v.shape[0], 2.0 / size)
