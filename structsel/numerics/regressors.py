@@ -27,7 +27,7 @@ Word = tuple[int, ...]
 """A monomial as the sorted numbers of its base signals: alpha^2 de is (0, 0, 1)."""
 
 CHUNK = 384  # samples of a workspace: its rows fit in the second-level cache; a power of two would share cache sets
-SLAB = 2048  # samples of a workspace with few rows
+SLAB = 4000  # samples of a workspace with few rows
 READ_AT_ONCE = 16384  # samples read from a manoeuvre in one call: 1 MiB of eight signals
 
 
