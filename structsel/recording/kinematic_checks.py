@@ -105,6 +105,8 @@ def find_kinematic_errors(t: np.ndarray, channels: Mapping[str, np.ndarray]) -> 
     channels : mapping of str to (n,) array
         In the units and signs of the nomenclature, if they are right.
     """
+    if not any(all(name in channels for name in NEEDS[e]) for e in _EQUATIONS):
+        return []
     parts = _representative_parts(t, channels)
     found: list[Finding] = []
     now = _closures(parts)

@@ -14,7 +14,8 @@ _UNIT_REMEDY = "state the unit in the channel map"
 
 def find_unit_errors(channels: Mapping[str, np.ndarray]) -> list[Finding]:
     """Findings about units and signs from relations between channels; channels that are not finite are not used."""
-    usable = {name: values for name, values in channels.items() if np.isfinite(values).all()}
+    compared = dict.fromkeys(["az", *(name for relation in _RELATIONS for name in relation.needs)])
+    usable = {name: channels[name] for name in compared if name in channels and np.isfinite(channels[name]).all()}
     found: list[Finding] = []
     if "az" in usable:
         found += _check_gravity(usable["az"])

@@ -230,7 +230,7 @@ def summarise_recordings(
 def _summarise(
     recording: AnyRecording, channels: tuple[str, ...], candidates: Candidates, responses: tuple[str, ...]
 ) -> RecordingSummary:
-    recording.require(*channels, by="select", finite=True)
+    recording.require(*channels, by="select")
     if len(recording) < FEWEST:
         raise DataError(
             f"select: recording {recording.name!r} has {len(recording)} sample(s); a regression needs more. "
@@ -239,5 +239,9 @@ def _summarise(
     statistics = []
     for channel in channels:
         x = recording[channel]
-        statistics.append(ChannelStatistics(float(x.min()), float(x.max()), float(x.mean()), float(x.std())))
+        low, high, mean = float(x.min()), float(x.max()), float(x.mean())
+        if not (np.isfinite(low) and np.isfinite(high)):  # the least value is NaN if one sample is
+            recording.require(channel, by="select", finite=True)
+        deviation = x - mean
+        statistics.append(ChannelStatistics(low, high, mean, float(np.sqrt(deviation @ deviation / len(x)))))
     return RecordingSummary(tuple(statistics), sums_of_squares(RecordingData(recording, candidates, responses)))
