@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 from structsel.numerics.regressors import (
     CHUNK,
     READ_AT_ONCE,
@@ -116,6 +117,28 @@ def _triangle_of(words: tuple[Word, ...], n_base: int, m: int) -> NDArray[np.int
     return place[np.triu_indices(above + p)]
 
 
+@njit(cache=True, nogil=True)
+def _add_samples(
+    base: NDArray[np.float64],
+    responses: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    target: NDArray[np.int32],
+    parent: NDArray[np.int32],
+    factor: NDArray[np.int32],
+    rows: NDArray[np.float64],
+    left: NDArray[np.int32],
+    groups: NDArray[np.int64],
+    sums: NDArray[np.float64],
+) -> None:  # pragma: no cover - compiled
+    """Add the products of rows [1, responses, monomials] of all samples to ``sums``, chunk by chunk."""
+    above = 1 + responses.shape[0]
+    for first in range(0, base.shape[1], CHUNK):
+        c = min(CHUNK, base.shape[1] - first)
+        rows[1:above, :c] = responses[:, first : first + c]
+        fill_rows(base, first, c, weight, target, parent, factor, rows[above:])
+        add_groups(rows, left, groups, c, sums)
+
+
 class PolynomialProducts:
     """Upper triangle of Z'Z of any range of a manoeuvre, from the distinct sums; owns its workspace.
 
@@ -131,7 +154,7 @@ class PolynomialProducts:
     def __init__(self, words: tuple[Word, ...], scales: Scales):
         plan = plan_polynomial_products(words, scales[0].size)
         assert plan is not None
-        self.plan, self.scales = plan, scales
+        self.plan, self.weight, self.response_scale = plan, 1.0 / scales[0], scales[1][:, None]
         self.gather = _triangle_of(words, scales[0].size, scales[1].size)
         above = self.above = 1 + scales[1].size
         self.rows = np.empty((above + plan.rows.n_rows + WIDE - 1, CHUNK))
@@ -150,16 +173,12 @@ class PolynomialProducts:
     def over(self, source: DataSource, start: int, stop: int) -> Array:
         """Upper triangle of Z'Z of these samples, row by row."""
         above, plan, sums = self.above, self.plan.rows, np.zeros(self.n_sums)
-        responses, monomials = self.rows[1:above], self.rows[above:]
+        monomials = plan.target, plan.parent, plan.factor
         for slab in range(start, stop, READ_AT_ONCE):
             end = min(slab + READ_AT_ONCE, stop)
             base = np.ascontiguousarray(source.base(slab, end), dtype=float)
-            response = source.responses(slab, end)
-            for a in range(0, end - slab, CHUNK):
-                c = min(CHUNK, end - slab - a)
-                fill_rows(base, a, c, 1.0 / self.scales[0], plan.target, plan.parent, plan.factor, monomials)
-                responses[:, :c] = response[:, a : a + c] / self.scales[1][:, None]
-                add_groups(self.rows, self.left, self.groups, c, sums)
+            response = source.responses(slab, end) / self.response_scale
+            _add_samples(base, response, self.weight, *monomials, self.rows, self.left, self.groups, sums)
         own, *each = (
             sums[at : at + tall * wide].reshape(tall, wide)[:n, :m]
             for (tall, wide, _, at), (n, m) in zip(self.groups, self.sizes, strict=True)

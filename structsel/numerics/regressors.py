@@ -137,7 +137,8 @@ def words_of(exponents: NDArray[np.integer]) -> tuple[Word, ...]:
     table = np.asarray(exponents)
     if table.size and table.min() < 0:
         raise TermError("words_of needs exponents of zero and above; a negative one is no monomial.")
-    words = tuple(tuple(int(v) for v in np.repeat(np.arange(row.size), row)) for row in table)
+    signals = np.arange(table.shape[-1])
+    words = tuple(tuple(np.repeat(signals, row).tolist()) for row in table)
     if () in words:
         raise TermError(f"words_of: candidate {words.index(())} is the constant, which every pool already holds.")
     return words
@@ -224,7 +225,7 @@ class RegressorChunks:
         self.factor = plan.factor
         self.n_rows = plan.n_rows + 1 + self.m
         self.workspace = np.empty(self.n_rows * (chunk + reach))
-        self.base_scale, self.response_scale = scales
+        self.weight, self.response_scale = 1.0 / scales[0], scales[1][:, None]
 
     def over(self, source: DataSource, start: int, stop: int) -> Iterator[Array]:
         """Rows (q, reach + c) of c samples each, from ``start``, which is at least ``reach``, to ``stop``.
@@ -235,11 +236,11 @@ class RegressorChunks:
         for slab in range(start, stop, READ_AT_ONCE):
             end = min(slab + READ_AT_ONCE, stop)
             base = np.ascontiguousarray(source.base(slab - self.reach, end), dtype=float)
-            response = source.responses(slab - self.reach, end)
+            response = source.responses(slab - self.reach, end) / self.response_scale
             for a in range(slab, end, self.chunk):
                 width = min(a + self.chunk, end) - a + self.reach
                 rows = self.workspace[: self.n_rows * width].reshape(self.n_rows, width)
                 rows[0] = 1.0
-                fill_rows(base, a - slab, width, 1.0 / self.base_scale, self.target, self.parent, self.factor, rows)
-                rows[1 + p : self.q] = response[:, a - slab : a - slab + width] / self.response_scale[:, None]
+                fill_rows(base, a - slab, width, self.weight, self.target, self.parent, self.factor, rows)
+                rows[1 + p : self.q] = response[:, a - slab : a - slab + width]
                 yield rows[: self.q]
