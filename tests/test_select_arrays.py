@@ -352,29 +352,59 @@ def test_memory_above_the_signals_does_not_grow_with_the_samples():
 @pytest.mark.parametrize("seed", [3, 7])
 def test_a_pilot_search_saves_a_complete_pass_and_changes_nothing(monkeypatch, seed):
     # 164 candidates, AR(1) residuals of 0.9: without prewhitening many false terms are selected first.
-    rng = np.random.default_rng(seed)
-    exponents = monomial_exponents(8, 3)
-    signals = np.array([ar1(rng, 9000, 0.97) for _ in range(8)])
-    X = design(signals, exponents[[0, 5, 20, 90]])[:, 1:]
-    response = X / X.std(axis=0) @ [1.0, -0.7, 0.5, 0.1] + 0.3 * ar1(rng, 9000, 0.9)
-    complete = []
-
-    def counted(data, responses, noise, candidates):
-        complete.append(len(candidates) == len(exponents) and data.manoeuvres[0].n == 9000)
-        return prewhitened(data, responses, noise, candidates)
-
-    prewhitened = prewhitening._prewhitened
-    monkeypatch.setattr(prewhitening, "_prewhitened", counted)
-    flights = [ArrayData(signals, response[None, :])]
+    flights, exponents = coloured_flight(seed, 3), monomial_exponents(8, 3)
+    complete = count_complete_passes(monkeypatch, len(exponents))
     found, passes = run(flights, exponents, F_in="auto")[0], sum(complete)
     complete.clear()
-    monkeypatch.setattr(prewhitening, "LARGEST_PILOT", 0.0)
+    monkeypatch.setattr(prewhitening, "LARGEST_POOL", 0.0)
     without = run(flights, exponents, F_in="auto")[0]
     assert (passes, sum(complete)) == (1, 2)
     assert len(without.white_noise.selected) > len(without.search.selected)
-    assert found.search.selected == without.search.selected
-    assert_allclose(found.values, without.values, rtol=1e-9)
-    assert_allclose(found.covariance, without.covariance, rtol=1e-8, atol=1e-12 * np.abs(without.covariance).max())
+    assert_same_model(found, without)
+
+
+@pytest.mark.parametrize("constants", ["shared", "own"])
+@pytest.mark.parametrize("options", [{}, {"parsimony": "one_se"}, {"method": "orthogonal"}])
+def test_of_very_many_candidates_a_pool_is_searched_with_the_same_result(monkeypatch, options, constants):
+    flights, exponents = [*coloured_flight(3, 4), *coloured_flight(7, 4)], monomial_exponents(8, 4)
+    complete = count_complete_passes(monkeypatch, len(exponents))
+    given = {"F_in": "auto", "bootstrap": 20, "constants": constants, **options}
+    found, passes = run(flights, exponents, **given)[0], sum(complete)
+    monkeypatch.setattr(prewhitening, "SEARCH_ALL", len(exponents))
+    without = run(flights, exponents, **given)[0]
+    assert (passes, sum(complete)) == (0, 1)
+    assert_same_model(found, without)
+    assert found.aliases == without.aliases
+    assert found.dependent == without.dependent
+    assert_allclose(found.bootstrap.probability, without.bootstrap.probability, atol=0.1)
+
+
+def coloured_flight(seed, degree):
+    """Four terms and AR(1) residuals of 0.9, by eight signals."""
+    rng, exponents = np.random.default_rng(seed), monomial_exponents(8, degree)
+    signals = np.array([ar1(rng, 9000, 0.97) for _ in range(8)])
+    X = design(signals, exponents[[0, 5, 20, 90]])[:, 1:]
+    response = X / X.std(axis=0) @ [1.0, -0.7, 0.5, 0.1] + 0.3 * ar1(rng, 9000, 0.9)
+    return [ArrayData(signals, response[None, :])]
+
+
+def count_complete_passes(monkeypatch, p):
+    """List to which every prewhitened pass adds whether it forms all products of all candidates and samples."""
+    complete, prewhitened = [], prewhitening._prewhitened
+
+    def counted(data, responses, noise, candidates, terms=None):
+        complete.append(terms is None and len(candidates) == p and data.manoeuvres[0].n == 9000)
+        return prewhitened(data, responses, noise, candidates, terms)
+
+    monkeypatch.setattr(prewhitening, "_prewhitened", counted)
+    return complete
+
+
+def assert_same_model(found, expected):
+    assert found.search.selected == expected.search.selected
+    assert_allclose(found.values, expected.values, rtol=1e-9)
+    scale = np.abs(expected.covariance).max()
+    assert_allclose(found.covariance, expected.covariance, rtol=1e-8, atol=1e-12 * scale)
 
 
 @pytest.mark.parametrize("method", ["stepwise", "orthogonal"])

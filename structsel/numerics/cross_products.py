@@ -176,6 +176,34 @@ class CrossProducts:
         responses = 1 + self.n_candidates + np.arange(self.n_responses)
         return self._of_columns(np.concatenate([[0], 1 + candidates, responses]), candidates.size, self.n_responses)
 
+    def among(self, candidates: NDArray[np.integer], scale: Array) -> CrossProducts:
+        """These as products of some of more candidates; those of the others are zero.
+
+        Parameters
+        ----------
+        candidates : (n_candidates,) int array
+            Number of each among all.
+        scale : (q,) array
+            Divisor of each of all columns.
+        """
+        packed = np.zeros((self.n_blocks, triangle_size(scale.size)))
+        packed[:, _triangle_of(scale.size, candidates)] = self.packed
+        return replace(self, scale=scale, packed=packed, n_candidates=scale.size - 2)
+
+    def only_with(self, candidates: Sequence[int]) -> CrossProducts:
+        """Zero but for squares and the products of every column with some candidates, the constant and the response."""
+        q = self.scale.size
+        known = np.append(diagonal_places(q), _places(q)[columns_of(q, candidates)])
+        packed = np.zeros_like(self.packed)
+        packed[:, known] = self.packed[:, known]
+        return replace(self, packed=packed)
+
+    def joined(self, other: CrossProducts, candidates: NDArray[np.integer]) -> CrossProducts:
+        """The same with the other's products of some candidates with one another."""
+        packed, inside = self.packed.copy(), _triangle_of(self.scale.size, candidates)
+        packed[:, inside] = other.packed[:, inside]
+        return replace(self, packed=packed)
+
     @property
     def separate(self) -> bool:
         """Whether every block belongs to one manoeuvre."""
@@ -219,6 +247,16 @@ def places(q: int, columns: Sequence[int] | NDArray[np.integer]) -> NDArray[np.i
     """(c, c) table of where the products of some of the q columns lie in the packed triangle."""
     index = np.asarray(columns, dtype=np.intp)
     return _places(q)[np.ix_(index, index)]
+
+
+def columns_of(q: int, candidates: Sequence[int] | NDArray[np.integer]) -> list[int]:
+    """The constant, these candidates and the response among q columns of one response."""
+    return [0, *(1 + int(j) for j in candidates), q - 1]
+
+
+def _triangle_of(q: int, candidates: NDArray[np.integer]) -> NDArray[np.intp]:
+    """Places of the products of these candidates, the constant and the response, row by row."""
+    return upper_triangle(places(q, columns_of(q, candidates)))
 
 
 def diagonal_places(q: int) -> NDArray[np.intp]:

@@ -59,7 +59,7 @@ def inclusion_probabilities(
     free = np.diag(C)[:p] > 0.0
     free[kept] = False
     outside = np.flatnonzero(free)
-    rss, less, more, other = _residuals(C, kept, outside)
+    rss, less, more, other = moved_residuals(C, kept, outside)
     n, floor = dof + 1.0, ROUNDING * float(C[p, p])
     own = max(rss, floor)
     price = np.log(n) + np.log(p)
@@ -87,7 +87,9 @@ def inclusion_probabilities(
     return probability
 
 
-def _residuals(C: Array, kept: NDArray[np.integer], outside: NDArray[np.integer]) -> tuple[float, Array, Array, Array]:
+def moved_residuals(
+    C: Array, kept: NDArray[np.integer], outside: NDArray[np.integer]
+) -> tuple[float, Array, Array, Array]:
     """Residual sums of squares, without each kept term (k,), with each other one (m,), and exchanged (k, m)."""
     response, tss = C[-1, outside] ** 2 / C.diagonal()[outside], float(C[-1, -1])
     if not kept.size:

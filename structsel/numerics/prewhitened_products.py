@@ -23,7 +23,7 @@ from structsel.numerics.blocks import (
     count_samples,
     cut_blocks,
 )
-from structsel.numerics.cross_products import CrossProducts, triangle_size
+from structsel.numerics.cross_products import CrossProducts, columns_of, diagonal_places, places, triangle_size
 from structsel.numerics.noise_models import ARNoise, pooled_innovation_std, prewhiten
 from structsel.numerics.rank_update import RowProducts
 from structsel.numerics.regressors import (
@@ -48,6 +48,7 @@ def prewhitened_cross_products(
     progress: Progress | None = None,
     scales: Scales | None = None,
     runner: JobRunner | None = None,
+    terms: Sequence[Sequence[int]] | None = None,
 ) -> list[CrossProducts]:
     """Cross-products after prewhitening: one set per response, each through its own filters, in one pass.
 
@@ -58,6 +59,9 @@ def prewhitened_cross_products(
         first samples of a manoeuvre, as many as the filter has coefficients, start the filter and are not counted.
     blocks, workers, progress, scales, runner
         As for `cross_products`.
+    terms : sequence over responses of sequences of int, optional
+        Form only the products of these candidates, of the constant and of the response with every column, and the
+        squares of the others; the products of the others with one another are zero.
 
     Returns
     -------
@@ -71,7 +75,7 @@ def prewhitened_cross_products(
     n = count_samples(cut, [max(of[k].order for of in noise) for k in range(len(manoeuvres))])
     levels = [pooled_innovation_std(of, lengths) for of in noise]
     values = (runner or JobRunner()).run_pass(
-        partial(_prewhitened_products_of_block, words_of(exponents), scales, levels),
+        partial(_prewhitened_products_of_block, words_of(exponents), scales, levels, terms),
         attach_data(cut, manoeuvres, noise),
         [m * triangle_size(2 + p)] * len(cut),
         choose_workers(workers, int(n.sum()), p),
@@ -84,12 +88,45 @@ def prewhitened_cross_products(
     return [CrossProducts(of_response[r], n, first, last, packed[:, r], p, 1) for r in range(m)]
 
 
+class ProductsWithSome:
+    """Sums of the products of some rows with all, and of the square of every row.
+
+    Parameters
+    ----------
+    q : int
+        Number of rows.
+    some : sequence of int
+    """
+
+    def __init__(self, q: int, some: Sequence[int]):
+        self.some = np.asarray(some)
+        self.sums, self.squares = np.zeros((len(some), q)), np.zeros(q)
+
+    def add(self, rows: Array) -> None:
+        """Add the products of these rows, (q, n)."""
+        self.sums += rows[self.some] @ rows.T
+        self.squares += np.einsum("ij,ij->i", rows, rows)
+
+    def triangle(self) -> Array:
+        """The sum so far, row by row; zero where it is not formed."""
+        q = self.squares.size
+        packed = np.zeros(triangle_size(q))
+        packed[diagonal_places(q)] = self.squares
+        packed[places(q, range(q))[self.some]] = self.sums
+        return packed
+
+
 def _prewhitened_products_of_block(
-    words: tuple[Word, ...], scales: Scales, levels: Sequence[float], block: Sequence[Samples]
+    words: tuple[Word, ...],
+    scales: Scales,
+    levels: Sequence[float],
+    terms: Sequence[Sequence[int]] | None,
+    block: Sequence[Samples],
 ) -> Array:
     """Upper triangles of all responses; rows are made once, and filtered for each response."""
     q, m = 2 + len(words), scales[1].size
-    workspace, products = np.empty(q * CHUNK), [RowProducts(q) for _ in range(m)]
+    workspace = np.empty(q * CHUNK)
+    products = [RowProducts(q) if terms is None else ProductsWithSome(q, columns_of(q, terms[r])) for r in range(m)]
     chunks: dict[int, RegressorChunks] = {}
     for part in block:
         reach = max(model.order for model in part.noise)

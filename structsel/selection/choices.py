@@ -112,13 +112,7 @@ class EngineData:
 
 @dataclass(frozen=True)
 class Choice:
-    """The search whose result is used; see `ArraySelection` for the other fields.
-
-    Attributes
-    ----------
-    scaled : (1 + k,) array, optional
-        Parameters of the terms in the units of the products, where the products themselves are not kept.
-    """
+    """The search whose result is used; see `ArraySelection` for the other fields."""
 
     search: Search
     result: SearchResult
@@ -126,7 +120,6 @@ class Choice:
     converged: bool = True
     prewhitening_dropped: tuple[float, float] | None = None
     past: PastFit | None = None
-    scaled: Array | None = None
 
 
 def fit_noise(
@@ -156,11 +149,8 @@ def models_of(
     for r in responses:
         products, kept = choices[r].search.products, list(choices[r].result.selected)
         scale = products.scale
-        past, known = choices[r].past, choices[r].scaled
-        if past is not None:
-            scaled = past.scaled.copy()
-        else:
-            scaled = solve(model_products(products, kept)) if known is None else known
+        past = choices[r].past
+        scaled = solve(model_products(products, kept)) if past is None else past.scaled.copy()
         if products.own_constants:
             own[r], scaled[0] = (scaled[1:], kept), 0.0
         theta.append(scaled * scale[-1] / scale[[0, *(j + 1 for j in kept)]])

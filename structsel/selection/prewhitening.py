@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
-from structsel.numerics.inclusion import DEPENDENT
+from structsel.numerics.inclusion import moved_residuals
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.normal_equations import least_rss, project
 from structsel.numerics.prewhitened_products import prewhitened_cross_products
@@ -32,10 +32,10 @@ from structsel.selection.search import (
 ROUNDS = 4  # of noise model and search; the terms stay the same after two almost always
 SIGNIFICANCE = 0.01  # of the test that estimates differ
 WORSE = 1.25  # ratio of squared errors of the fit from which it is asked whether noise can be why
-PILOT = 32, 0.2
-"""Candidates that a pilot search takes from each of two rankings, and the fraction of all where that is more. The first
-is that of the unfiltered products, the second that of prewhitened products of a part of the samples."""
-LARGEST_PILOT = 0.5  # of the candidates; the products cost the square of it
+POOL = 32, 0.2
+"""Candidates that a pool takes from each of two rankings, and the fraction of all where that is more."""
+LARGEST_POOL = 0.5  # of the candidates; the products cost the square of it
+SEARCH_ALL = 200  # candidates up to which all are searched in the end: their products cost little
 SPARSE, PARTS, SHORTEST_PART = 8, 4, 256
 """One sample in so many is in a part; parts of each manoeuvre; samples of the shortest part."""
 
@@ -74,22 +74,23 @@ def iterate_prewhitening(
     """Fit a noise model to each manoeuvre's residual, prewhiten, search; again until the terms stay the same.
 
     The first round searches the candidates that explain most of the residual only: what it finds makes the noise model
-    of the first complete round, which usually confirms it.
+    of the next one, which usually confirms it. Of very many candidates later rounds search only those that change the
+    residual most beside the terms of the last round or in the place of one: no other can come in if these do not.
     """
     choices = [Choice(search, result, (), False) for search, result in zip(plain, white_noise, strict=True)]
     pending = list(range(len(plain)))
     noise = fit_noise(data, choices, pending, shared)
-    piloted = _pilot(data, choices, noise)
+    pilot = _pilot(data, choices, noise)
+    if pilot is not None:
+        searches = _search_only(data, plain, pending, noise, pilot)
+        choices = [Choice(search, search.run(), models, False) for search, models in zip(searches, noise, strict=True)]
+    pools = pilot is not None and data.options.moves_singly and len(data.exponents) > SEARCH_ALL
     for number in range(ROUNDS):
-        if number:
+        if number or pilot is not None:
             noise = fit_noise(data, choices, pending, shared)
-        elif piloted:
-            again = fit_noise(data, [piloted.get(r, choice) for r, choice in enumerate(choices)], list(piloted), shared)
-            noise = [dict(zip(piloted, again, strict=True)).get(r, models) for r, models in enumerate(noise)]
-            choices = [piloted.get(r, choice) for r, choice in enumerate(choices)]
-        products = _prewhitened(data, pending, noise, data.exponents)
-        for r, models, prewhitened in zip(list(pending), noise, products, strict=True):
-            search = replace(plain[r], products=_own_constants(prewhitened, plain[r]))
+        searches = _search_pool(data, plain, choices, pending, noise) if pools and number < ROUNDS - 1 else []
+        searches = searches or _search_all(data, plain, pending, noise)
+        for r, models, search in zip(list(pending), noise, searches, strict=True):
             result = search.run()
             converged = set(result.selected) == set(choices[r].result.selected)
             choices[r] = Choice(search, result, models, converged)
@@ -100,14 +101,71 @@ def iterate_prewhitening(
     return [_check_prewhitening(choice, search) for choice, search in zip(choices, plain, strict=True)]
 
 
+def _search_all(
+    data: EngineData, plain: Sequence[Search], responses: Sequence[int], noise: Sequence[Sequence[ARNoise]]
+) -> list[Search]:
+    """Searches of all candidates."""
+    found = _prewhitened(data, responses, noise, data.exponents)
+    return [replace(plain[r], products=_own_constants(of, plain[r])) for r, of in zip(responses, found, strict=True)]
+
+
+def _search_pool(
+    data: EngineData,
+    plain: Sequence[Search],
+    choices: Sequence[Choice],
+    responses: Sequence[int],
+    noise: Sequence[Sequence[ARNoise]],
+) -> list[Search]:
+    """Searches of those candidates that change the residual most; none where these are most of all.
+
+    The products of all candidates with the terms of the choices are there too.
+    """
+    terms = [choices[r].result.selected for r in responses]
+    count, pool = _pool_size(data), np.zeros(len(data.exponents), dtype=bool)
+    found = _prewhitened(data, responses, noise, data.exponents, terms)
+    every = [_own_constants(of, plain[r]).only_with(kept) for r, of, kept in zip(responses, found, terms, strict=True)]
+    for r, products, kept in zip(responses, every, terms, strict=True):
+        search = replace(plain[r], products=products)
+        pool |= _nearest(search, kept, count)
+        for degree in np.unique(search.constraints.degrees)[:-1].tolist():
+            pool |= _nearest(replace(search, degree=degree), kept, POOL[0] // 2)
+    if pool.sum() > LARGEST_POOL * pool.size:
+        return []
+    searches = _search_only(data, plain, responses, noise, pool)
+    numbers = np.flatnonzero(pool)
+    return [replace(s, products=of.joined(s.products, numbers)) for s, of in zip(searches, every, strict=True)]
+
+
+def _search_only(
+    data: EngineData,
+    plain: Sequence[Search],
+    responses: Sequence[int],
+    noise: Sequence[Sequence[ARNoise]],
+    pool: NDArray[np.bool_],
+) -> list[Search]:
+    """Searches of a pool; the products of other candidates are zero."""
+    numbers = np.flatnonzero(pool)
+    found = _prewhitened(data, responses, noise, data.exponents[numbers])
+    within = [
+        _own_constants(of, plain[r]).among(numbers, plain[r].products.scale)
+        for r, of in zip(responses, found, strict=True)
+    ]
+    return [replace(plain[r], products=of, pool=pool) for r, of in zip(responses, within, strict=True)]
+
+
 def _prewhitened(
-    data: EngineData, responses: Sequence[int], noise: Sequence[Sequence[ARNoise]], exponents: NDArray[np.integer]
+    data: EngineData,
+    responses: Sequence[int],
+    noise: Sequence[Sequence[ARNoise]],
+    exponents: NDArray[np.integer],
+    terms: Sequence[Sequence[int]] | None = None,
 ) -> list[CrossProducts]:
     """Prewhitened products of these candidates and responses."""
     return prewhitened_cross_products(
         [SelectedResponses(m, tuple(responses)) for m in data.manoeuvres],
         exponents,
         noise,
+        terms=terms,
         scales=(data.scales[0], data.scales[1][list(responses)]),
         progress=data.stage("prewhitened"),
         **data.block_arguments,
@@ -118,32 +176,29 @@ def _own_constants(products: CrossProducts, search: Search) -> CrossProducts:
     return products.within_manoeuvres() if search.products.own_constants else products
 
 
-def _pilot(data: EngineData, choices: Sequence[Choice], noise: Sequence[Sequence[ARNoise]]) -> dict[int, Choice]:
-    """Choices of a search among the candidates that explain most, where they differ from those given, by response."""
-    p, options, everyone = len(data.exponents), data.options, range(len(choices))
-    count = max(PILOT[0], int(PILOT[1] * p))
-    if 2 * count > LARGEST_PILOT * p or options.criterion_used == "cv" or options.hierarchy != "none":
-        return {}
+def _pool_size(data: EngineData) -> int:
+    """Candidates that a pool takes from each ranking."""
+    return max(POOL[0], int(POOL[1] * len(data.exponents)))
+
+
+def _pilot(data: EngineData, choices: Sequence[Choice], noise: Sequence[Sequence[ARNoise]]) -> NDArray[np.bool_] | None:
+    """(p,) candidates of a first search: that explain most in the unfiltered products, or in a part of the samples.
+
+    None where these are most of all, or the data are short.
+    """
+    p, options, count = len(data.exponents), data.options, _pool_size(data)
+    if 2 * count > LARGEST_POOL * p or options.criterion_used == "cv" or options.hierarchy != "none":
+        return None
     parts, models = _in_parts(data.manoeuvres, noise)
     if not parts:
-        return {}
-    some = _prewhitened(replace(data, manoeuvres=parts), everyone, models, data.exponents)
+        return None
+    some = _prewhitened(replace(data, manoeuvres=parts), range(len(choices)), models, data.exponents)
     pool = np.zeros(p, dtype=bool)
     for choice, products in zip(choices, some, strict=True):
         sparse = replace(choice.search, products=_own_constants(products, choice.search))
-        pool |= _best_explaining(choice.search, choice.result, count) | _best_explaining(sparse, sparse.run(), count)
-    numbers = np.flatnonzero(pool)
-    if numbers.size > LARGEST_PILOT * p:
-        return {}
-    found = {}
-    columns = np.concatenate([[0], 1 + numbers, [1 + p]])
-    for r, products in enumerate(_prewhitened(data, everyone, noise, data.exponents[numbers])):
-        search, inside = choices[r].search, np.zeros((p + 2, p + 2))
-        inside[np.ix_(columns, columns)] = _own_constants(products, search).total()
-        result = search.run(C=centred(inside))  # candidates that are constant zero are not searched
-        if set(result.selected) != set(choices[r].result.selected):
-            found[r] = Choice(search, result, (), False, scaled=solve(inside, result.selected))
-    return found
+        pool |= _nearest(choice.search, choice.result.selected, count // 2)
+        pool |= _nearest(sparse, sparse.run().selected, count // 2)
+    return pool if pool.sum() <= LARGEST_POOL * p else None
 
 
 def _in_parts(
@@ -164,18 +219,20 @@ def _in_parts(
     return parts, models
 
 
-def _best_explaining(search: Search, result: SearchResult, count: int) -> NDArray[np.bool_]:
-    """(p,) whether a candidate is chosen, given, or among those that explain most of what the chosen ones leave."""
-    product, kept = search.products.total(), list(result.selected)
-    rows = [0, *(1 + j for j in kept)]
-    on = project(product, rows)
-    left, with_response = on.remaining[1:-1], (product[-1] - product[rows, -1] @ on.coefficients)[1:-1]
-    varies = left > DEPENDENT * np.diag(product)[1:-1]
-    explained = np.where(varies, with_response**2 / np.where(varies, left, 1.0), 0.0)
-    always = [*kept, *search.constraints.include, *search.constraints.initial]
-    explained[always] = np.inf
-    pool = np.zeros(explained.size, dtype=bool)
-    pool[np.argsort(-explained, kind="stable")[: max(count, len(set(always)))]] = True
+def _nearest(search: Search, selected: Sequence[int], count: int) -> NDArray[np.bool_]:
+    """(p,) the terms selected or given, and the candidates by which the residual sum of squares is least.
+
+    As many as ``count`` beside the terms, and as many in the place of one of them.
+    """
+    C = centred(search.products.total())
+    pool = np.zeros(search.hidden.size, dtype=bool)
+    pool[[*selected, *search.constraints.include, *search.constraints.initial]] = True
+    pool &= ~search.hidden
+    kept = np.flatnonzero(pool)
+    outside = np.flatnonzero(~pool & ~search.hidden & (np.diag(C)[:-1] > 0.0))
+    _, _, beside, exchanged = moved_residuals(C, kept, outside)
+    for rss in (beside, exchanged.min(axis=0, initial=np.inf)):
+        pool[outside[np.argsort(rss, kind="stable")[:count]]] = True
     return pool
 
 

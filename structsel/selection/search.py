@@ -82,6 +82,15 @@ class Search:
         Blocks of each manoeuvre (or part) that may be left out.
     cluster_robust : bool
         F-tests take the scatter between blocks; methods without F-tests choose by cross-validation.
+    degree : int, optional
+        Candidates up to this degree are searched.
+    fixed : tuple of int, optional
+        Terms that are given instead of searched.
+    pool : (p,) bool array, optional
+        Candidates that are searched, of all on whose number thresholds depend: those whose products with one another
+        are known. The products of the others with one another may be zero.
+    n_candidates : int, optional
+        On which thresholds depend; by default all of the products.
     """
 
     products: CrossProducts
@@ -91,14 +100,21 @@ class Search:
     cluster_robust: bool = False
     degree: int | None = None
     fixed: tuple[int, ...] | None = None
+    pool: NDArray[np.bool_] | None = None
+    n_candidates: int | None = None
+
+    @cached_property
+    def _of_degree(self) -> NDArray[np.bool_]:
+        """(p,) candidates that may be in a model by their degree."""
+        degrees = self.constraints.degrees
+        usable = np.ones(degrees.size, dtype=bool) if self.degree is None else degrees <= self.degree
+        usable[list(self.constraints.include)] = True
+        return usable
 
     @cached_property
     def hidden(self) -> NDArray[np.bool_]:
         """(p,) candidates that are not searched."""
-        degrees = self.constraints.degrees
-        hidden = np.zeros(degrees.size, dtype=bool) if self.degree is None else degrees > self.degree
-        hidden[list(self.constraints.include)] = False
-        return hidden
+        return ~self._of_degree if self.pool is None else ~(self._of_degree & self.pool)
 
     @cached_property
     def without_folds(self) -> tuple[tuple[Array, tuple[int, ...], Array], ...]:
@@ -115,7 +131,10 @@ class Search:
         """Numbers of the candidates that are searched, and the search among them."""
         numbers = np.flatnonzero(~self.hidden)
         products, constraints = self.products.of_candidates(numbers), self.constraints.of_candidates(numbers)
-        return numbers, replace(self, products=products, constraints=constraints, degree=None)
+        count = int(self._of_degree.sum())
+        return numbers, replace(
+            self, products=products, constraints=constraints, degree=None, pool=None, n_candidates=count
+        )
 
     def run(self, weights: Array | None = None, C: Array | None = None) -> SearchResult:
         """Search the weighted sum of blocks, or C, which is that sum centred; blocks of weight zero are not seen."""
@@ -143,6 +162,7 @@ class Search:
             self.products.dof(weights),
             options,
             self.constraints,
+            self.n_candidates or self.constraints.degrees.size,
             float(self.products.scale[-1]),
             (self.products, weights) if self.cluster_robust else None,
         )
@@ -203,6 +223,7 @@ def _pose(
     dof: float,
     options: SelectOptions,
     constraints: SearchConstraints,
+    n_candidates: int,
     unit: float,
     blocks: tuple[CrossProducts, Array | None] | None,
 ) -> SearchProblem:
@@ -218,7 +239,7 @@ def _pose(
             include, initial = constraints.include, constraints.initial
             path = stepwise(C, dof, include=include, initial=initial, max_terms=options.max_terms)
             bound = 25.0 * path.rss / max(dof - len(path.selected), 1.0)
-    return SearchProblem(C, dof, options, constraints, bound, blocks)
+    return SearchProblem(C, dof, options, constraints, n_candidates, bound, blocks)
 
 
 def _choose(problem: SearchProblem, folds: Sequence[Fold]) -> SearchResult:

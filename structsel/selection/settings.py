@@ -228,6 +228,14 @@ class SelectOptions:
         return self.criterion if self.criterion is not None else METHODS[self.method].default_criterion
 
     @property
+    def moves_singly(self) -> bool:
+        """Whether a candidate stays out only because it explains too little beside the terms or in the place of one."""
+        by_gain = self.method == "stepwise" and self.stopping_rule == "F" and self.F_in == "auto"
+        by_gain |= self.method == "orthogonal" and self.order == "greedy"
+        limits = (self.criterion, self.F_out, self.max_terms, self.correlation_limit)
+        return by_gain and self.hierarchy == "none" and all(limit is None for limit in limits)
+
+    @property
     def rows_may_be_causal(self) -> bool:
         """Whether rows may be causal, by option or because turbulence shows."""
         return self.rows != "sampled" and self.noise == "ar"

@@ -68,6 +68,8 @@ class SearchProblem:
         Samples less one.
     options : SelectOptions
     constraints : SearchConstraints
+    n_candidates : int
+        Candidates among which those of the products were found, on which thresholds depend.
     sigma_max2 : float, optional
         Bound of the squared prediction error, where the criterion or the stopping rule is PSE.
     blocks : (CrossProducts, weights), optional
@@ -78,13 +80,9 @@ class SearchProblem:
     dof: float
     options: Any
     constraints: SearchConstraints
+    n_candidates: int
     sigma_max2: float | None = None
     blocks: tuple[CrossProducts, Array | None] | None = None
-
-    @property
-    def n_candidates(self) -> int:
-        """Number of candidates."""
-        return int(self.products.shape[0]) - 1
 
     @property
     def tss(self) -> float:

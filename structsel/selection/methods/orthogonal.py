@@ -19,7 +19,8 @@ NEARLY_ALL = 0.8  # of those ranked: where the search ends later than this, all 
 def search(problem: SearchProblem) -> VisitedModels:
     """Rank as many as a model may have; for PSE on to the last if it is still falling where those end."""
     options, include = problem.options, problem.constraints.include
-    limit = min(problem.n_candidates, options.max_terms or problem.n_candidates)
+    size = problem.constraints.degrees.size
+    limit = min(size, options.max_terms or size)
     first = limit if options.order == "given" else min(limit, max(RANK_AT_FIRST, len(include)))
     by_pse = options.criterion_used == "PSE"
     for length in (first, limit) if by_pse else (first,):
