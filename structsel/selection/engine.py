@@ -105,7 +105,7 @@ def select_arrays(
     folds = fold_blocks(plain)
     shared = [Search(plain.of_response(r), options, constraints, folds) for r in range(plain.n_responses)]
     searches = [choose_constants(search) for search in shared]
-    white_noise = [search.run() for search in searches]
+    white_noise = [search.result for search in searches]
     if options.noise == "white":
         chosen = [Choice(search, result) for search, result in zip(searches, white_noise, strict=True)]
     elif options.noise == "cluster":

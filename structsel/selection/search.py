@@ -117,6 +117,11 @@ class Search:
         return ~self._of_degree if self.pool is None else ~(self._of_degree & self.pool)
 
     @cached_property
+    def result(self) -> SearchResult:
+        """Of all blocks."""
+        return self.run()
+
+    @cached_property
     def without_folds(self) -> tuple[tuple[Array, tuple[int, ...], Array], ...]:
         """For each fold: weights of the others, the terms selected from them, and their scaled parameters."""
         found = []
