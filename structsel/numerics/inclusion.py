@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.compiling import njit
 from structsel.numerics.normal_equations import leave_unexplained
 
 DEPENDENT = 1e-9  # of a column's sum of squares: residual of a column that others explain, by rounding
@@ -60,12 +61,11 @@ def inclusion_probabilities(
     free[kept] = False
     outside = np.flatnonzero(free)
     rss, less, more, other = moved_residuals(C, kept, outside)
-    n, floor = dof + 1.0, ROUNDING * float(C[p, p])
-    own = max(rss, floor)
+    n, own = dof + 1.0, max(rss, ROUNDING)
     price = np.log(n) + np.log(p)
 
     def log_weight(rss: Array, change: int) -> Array:
-        return -0.5 * (n * np.log(np.maximum(rss, floor) / own) + change * price)
+        return -0.5 * (n * np.log(np.maximum(rss, ROUNDING) / own) + change * price)
 
     fewer, larger, exchanged = log_weight(less, -1), log_weight(more, 1), log_weight(other, 0)
     always = set(include)
@@ -90,16 +90,25 @@ def inclusion_probabilities(
 def moved_residuals(
     C: Array, kept: NDArray[np.integer], outside: NDArray[np.integer]
 ) -> tuple[float, Array, Array, Array]:
-    """Residual sums of squares, without each kept term (k,), with each other one (m,), and exchanged (k, m)."""
-    response, tss = C[-1, outside] ** 2 / C.diagonal()[outside], float(C[-1, -1])
-    if not kept.size:
-        return tss, np.empty(0), tss - response, np.empty((0, outside.size))
-    left = leave_unexplained(C, kept, outside)
-    rss, d, b = max(left.rss, 0.0), left.d, left.b
-    own = (left.theta / left.alone)[:, None]
-    less = rss + left.theta**2 / left.alone
-    more = np.where(d > DEPENDENT, rss - b**2 / np.where(d > DEPENDENT, d, 1.0), np.inf)
-    free, with_y = d + left.explained**2 / left.alone[:, None], b + left.explained * own
-    usable = free > DEPENDENT
-    exchanged = np.where(usable, less[:, None] - with_y**2 / np.where(usable, free, 1.0), np.inf)
-    return tss * rss, tss * less, tss * more, tss * exchanged
+    """1 - R^2 of a model, without each kept term (k,), with each other one (m,), and with one exchanged (k, m)."""
+    theta, alone, left, explained, d, b = leave_unexplained(C, kept, outside)
+    rss, usable = max(left, 0.0), d > DEPENDENT
+    more = np.where(usable, rss - b**2 / np.where(usable, d, 1.0), np.inf)
+    return rss, rss + theta**2 / alone, more, rss + exchange_losses(theta, alone, explained, d, b)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def exchange_losses(
+    theta: Array, alone: Array, explained: Array, d: Array, b: Array
+) -> Array:  # pragma: no cover - compiled
+    """Rise of 1 - R^2 if one of the others replaces a kept term, (k, m); infinite where the rest explains it.
+
+    The arguments are fields of `Unexplained`, the first three perhaps of some of the kept terms only.
+    """
+    losses = np.empty_like(explained)
+    for i in range(losses.shape[0]):
+        row, loss, back = explained[i], losses[i], theta[i] / alone[i]
+        for c in range(d.size):
+            free, with_y = d[c] + row[c] * row[c] / alone[i], b[c] + row[c] * back
+            loss[c] = theta[i] * back - with_y * with_y / free if free > DEPENDENT else np.inf
+    return losses

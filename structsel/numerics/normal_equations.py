@@ -191,30 +191,52 @@ class Unexplained(NamedTuple):
 
 def leave_unexplained(C: Array, kept: NDArray[np.integer], others: NDArray[np.integer]) -> Unexplained:
     """Regression of the response, the last column of centred products, and of other columns on the kept ones."""
-    size = np.sqrt(C.diagonal())
-    size[size == 0.0] = 1.0
-    R = C[kept] / np.outer(size[kept], size)
-    inverse = inverse_of_scaled(R[:, kept])
-    explained, d, b = _regress(R, inverse, np.asarray(others, dtype=np.int64), C[-1] / (size * size[-1]))
-    theta = inverse @ R[:, -1]
-    return Unexplained(theta, inverse.diagonal(), float(C[-1, -1] > 0.0) - float(R[:, -1] @ theta), explained, d, b)
+    kept, others = np.asarray(kept, dtype=np.int64), np.asarray(others, dtype=np.int64)
+    among, with_others, own = _of_unit_length(C, kept, others)
+    inverse = inverse_of_scaled(among)
+    theta, rss, explained, d, b = _regress(inverse, with_others, own)
+    return Unexplained(theta, inverse.diagonal(), rss, explained, d, b)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _of_unit_length(
+    C: Array, kept: NDArray[np.int64], others: NDArray[np.int64]
+) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
+    """Correlations of the kept columns, (k, k), with the others and the response, (k, m + 1), and of these, (m + 1,).
+
+    The last are those with the response; its own is zero where it is constant.
+    """
+    k, m, y = kept.size, others.size, C.shape[0] - 1
+    columns = np.append(others, y)
+    size = np.array([np.sqrt(C[j, j]) if C[j, j] > 0.0 else 1.0 for j in np.append(columns, kept)])
+    among, with_others, own = np.empty((k, k)), np.empty((k, m + 1)), np.empty(m + 1)
+    for i in range(k):
+        row, unit = C[kept[i]], size[m + 1 + i]
+        for j in range(k):
+            among[i, j] = row[kept[j]] / (unit * size[m + 1 + j])
+        for c in range(m + 1):
+            with_others[i, c] = row[columns[c]] / (unit * size[c])
+    for c in range(m + 1):
+        own[c] = C[y, columns[c]] / (size[c] * size[m])
+    return among, with_others, own
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _regress(
-    R: Array, inverse: Array, others: NDArray[np.int64], response: Array
-) -> tuple[Array, Array, Array]:  # pragma: no cover - compiled
-    """Coefficients of the other columns, and what is left of their lengths and products with the response."""
-    k, m, y = R.shape[0], others.size, R.shape[1] - 1
-    explained, d, b = np.zeros((k, m)), np.ones(m), np.empty(m)
-    for c in range(m):
-        b[c] = response[others[c]]
+    inverse: Array, with_others: Array, own: Array
+) -> tuple[Array, float, Array, Array, Array]:  # pragma: no cover - compiled
+    """Coefficients of the response and of the others, and what is left of lengths and products with the response."""
+    k, m = with_others.shape[0], with_others.shape[1] - 1
+    explained, d, b = np.zeros((k, m + 1)), np.ones(m), own[:m].copy()
+    rss = own[m]
     for i in range(k):
+        row, with_row = explained[i], with_others[i]
         for j in range(k):
-            f = inverse[i, j]
-            for c in range(m):
-                explained[i, c] += f * R[j, others[c]]
+            f, other = inverse[i, j], with_others[j]
+            for c in range(m + 1):
+                row[c] += f * other[c]
         for c in range(m):
-            d[c] -= R[i, others[c]] * explained[i, c]
-            b[c] -= R[i, y] * explained[i, c]
-    return explained, d, b
+            d[c] -= with_row[c] * row[c]
+            b[c] -= with_row[m] * row[c]
+        rss -= with_row[m] * row[m]
+    return explained[:, m].copy(), rss, explained[:, :m].copy(), d, b

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.inclusion import DEPENDENT
+from structsel.numerics.inclusion import DEPENDENT, exchange_losses
 from structsel.numerics.normal_equations import leave_unexplained, project
 
 ALIASED = 0.7  # correlation given the other terms from which two terms are aliased, not merely both weak
@@ -35,7 +36,11 @@ class AliasedPair:
 
 
 def find_aliases(
-    C: Array, selected: Sequence[int], dof: float, among: Sequence[int] | None = None
+    C: Array,
+    selected: Sequence[int],
+    dof: float,
+    among: Sequence[int] | None = None,
+    others: NDArray[np.bool_] | None = None,
 ) -> list[AliasedPair]:
     """Candidates like a kept term that, put in its place, raise the residual by less than 4 s^2.
 
@@ -48,6 +53,8 @@ def find_aliases(
         Samples less one.
     among : sequence of int, optional
         The kept terms to find aliases of; all where absent.
+    others : (p,) bool array, optional
+        Candidates that may be aliases; all where absent.
     """
     p = C.shape[0] - 1
     kept = list(selected)
@@ -55,19 +62,19 @@ def find_aliases(
         return []
     varies = C.diagonal()[:p] > 0
     varies[kept] = False
+    if others is not None:
+        varies &= others
     outside = np.flatnonzero(varies)
     # What all kept terms leave of the candidates outside, and of their products with the response.
-    theta, every, rss, explained, d, b = leave_unexplained(C, np.array(kept), outside)
+    theta, alone, rss, explained, d, b = leave_unexplained(C, np.array(kept), outside)
     s2 = max(rss, 1e-28) / max(dof - len(kept), 1.0)
-    # The same without one kept term: what it takes from each comes back, by its row of the inverse.
     at = np.array([kept.index(j) for j in (kept if among is None else among)], dtype=int)
-    back, alone, own = explained[at], every[at, None], theta[at, None]
-    free, with_y = d + back**2 / alone, b + back * own / alone
-    usable = free > DEPENDENT
-    loss = (own**2 / alone - with_y**2 / np.where(usable, free, 1.0)) / s2
+    loss = exchange_losses(theta[at], alone[at], explained[at], d, b) / s2
     pairs = []
-    for i, j in np.argwhere(usable & (loss < SAME_FIT)):
-        correlation = float(np.clip(back[i, j] / np.sqrt(max(alone[i, 0] * free[i, j], 1e-300)), -1.0, 1.0))
+    for i, j in np.argwhere(loss < SAME_FIT):
+        # Without one kept term, what it takes from each comes back, by its row of the inverse.
+        back, own = explained[at[i], j], alone[at[i]]
+        correlation = float(np.clip(back / np.sqrt(max(own * d[j] + back**2, 1e-300)), -1.0, 1.0))
         if abs(correlation) >= ALIASED:
             pairs.append(AliasedPair(kept[at[i]], int(outside[j]), float(loss[i, j]), correlation))
     return sorted(pairs, key=lambda a: (kept.index(a.kept), a.loss))

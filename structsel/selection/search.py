@@ -312,9 +312,10 @@ def prefer_lower_degree(result: SearchResult, problem: SearchProblem) -> SearchR
     rss, lost = result.rss, dict.fromkeys(kept, 0.0)
     for _ in kept:
         higher = [j for j in kept if j not in constraints.include and constraints.degrees[j] > 1]
+        lower = constraints.degrees < max((constraints.degrees[j] for j in higher), default=0)
         better = [
             a
-            for a in find_aliases(C, kept, result.effective_dof, higher)
+            for a in find_aliases(C, kept, result.effective_dof, higher, lower)
             if lost[a.kept] + a.loss < SAME_FIT
             and constraints.degrees[a.other] < constraints.degrees[a.kept]
             and constraints.allow(a.other if j == a.kept else j for j in kept)
