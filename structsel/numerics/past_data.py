@@ -54,7 +54,7 @@ class PastData:
         for row, y, terms, theta in zip(residuals, responses, self.exponents, self.theta, strict=False):
             row[:] = y - theta[0]
             for value, powers in zip(theta[1:], terms, strict=True):
-                row -= value * _monomial(signals, powers)
+                row -= _monomial(value, signals, powers)
         s, m, width = len(signals), len(residuals), stop - start
         found = np.empty((s * (1 + len(SIGNAL_LAGS)) + m * len(RESIDUAL_LAGS), width))
         found[:s] = signals[:, start - first :]
@@ -70,14 +70,13 @@ class PastData:
         return self.source.responses(start, stop)[list(self.rows)]
 
 
-def _monomial(signals: Array, powers: NDArray[np.integer]) -> Array:
-    """(n,) product of powers of the signals (s, n)."""
-    used = np.flatnonzero(powers)
-    value = np.ones(signals.shape[1])
-    for i in used.tolist():
-        for _ in range(int(powers[i])):
-            value *= signals[i]
-    return value
+def _monomial(value: float, signals: Array, powers: NDArray[np.integer]) -> Array:
+    """(n,) value times the product of powers of the signals (s, n), of which one at least is above zero."""
+    first, *others = np.repeat(np.arange(powers.size), powers).tolist()
+    product = value * signals[first]
+    for i in others:
+        product *= signals[i]
+    return product
 
 
 def past_exponents(
