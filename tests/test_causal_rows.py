@@ -37,7 +37,7 @@ def two_signals(n: int = 600) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def instrumented(x: np.ndarray, y: np.ndarray) -> InstrumentedProducts:
     exponents = np.array([[1, 0], [0, 1], [1, 1]])
-    data = PastData(ArrayData(x, y[None, :]), (exponents,), (np.zeros(4),), (0,))
+    data = PastData(ArrayData(x, y[None, :]), (exponents,), (np.zeros(4),), (0,), (0,))
     table, instruments, _ = past_exponents(exponents, [2], 1)
     white = [[ARNoise(np.empty(0), 1.0)]]
     products = prewhitened_cross_products([data], table, white)[0]
@@ -48,7 +48,7 @@ def instrumented(x: np.ndarray, y: np.ndarray) -> InstrumentedProducts:
 def test_past_signals_and_residuals_are_those_of_earlier_samples(start, stop):
     x, y, _ = two_signals()
     theta = np.array([1.5, 2.0, 0.5])
-    data = PastData(ArrayData(x, y[None, :]), (np.array([[1, 0], [2, 1]]),), (theta,), (0,))
+    data = PastData(ArrayData(x, y[None, :]), (np.array([[1, 0], [2, 1]]),), (theta,), (0,), (0,))
     residual = y - 1.5 - 2.0 * x[0] - 0.5 * x[0] ** 2 * x[1]
     expected = [*x, *(lagged(signal, lag) for lag in SIGNAL_LAGS for signal in x)]
     expected += [lagged(residual, lag) for lag in RESIDUAL_LAGS]
@@ -263,7 +263,7 @@ def test_causal_rows_without_noise_models_are_refused():
 
 def test_the_past_before_the_first_sample_is_the_first_sample():
     x, y, _ = two_signals(60)
-    data = PastData(ArrayData(x, y[None, :]), (np.array([[1, 0]]),), (np.array([0.5, 1.0]),), (0,))
+    data = PastData(ArrayData(x, y[None, :]), (np.array([[1, 0]]),), (np.array([0.5, 1.0]),), (0,), (0,))
     complete = data.base(0, 60)
     for row, lag in enumerate(SIGNAL_LAGS, start=1):
         np.testing.assert_array_equal(complete[2 * row], lagged(x[0], lag))

@@ -34,12 +34,15 @@ class PastData:
         Their parameters, the constant first.
     rows : tuple of int
         Responses of the source that are responses here.
+    residuals : tuple of int
+        Responses of the source whose residuals are base signals here.
     """
 
     source: DataSource
     exponents: tuple[NDArray[np.integer], ...]
     theta: tuple[Array, ...]
     rows: tuple[int, ...]
+    residuals: tuple[int, ...]
 
     @property
     def n(self) -> int:
@@ -50,10 +53,10 @@ class PastData:
         """(s (1 + lags) + m lags, stop - start) base signals."""
         first = max(0, start - max(*SIGNAL_LAGS, *RESIDUAL_LAGS))
         signals, responses = self.source.base(first, stop), self.source.responses(first, stop)
-        residuals = np.empty((len(self.theta), stop - first))
-        for row, y, terms, theta in zip(residuals, responses, self.exponents, self.theta, strict=False):
-            row[:] = y - theta[0]
-            for value, powers in zip(theta[1:], terms, strict=True):
+        residuals = np.empty((len(self.residuals), stop - first))
+        for row, r in zip(residuals, self.residuals, strict=True):
+            row[:] = responses[r] - self.theta[r][0]
+            for value, powers in zip(self.theta[r][1:], self.exponents[r], strict=True):
                 row -= _monomial(value, signals, powers)
         s, m, width = len(signals), len(residuals), stop - start
         found = np.empty((s * (1 + len(SIGNAL_LAGS)) + m * len(RESIDUAL_LAGS), width))

@@ -116,14 +116,14 @@ def _score_covariance(S: Array, residuals: Array) -> Array:
 def _few_lags(residual: Array) -> Array:
     """Autocovariance times the lag window, by lag from 0; empty if there are more than `FEW_LAGS`."""
     n = residual.size
-    longest = n // 5 + 1
+    longest, pairs = n // 5 + 1, n - np.arange(FEW_LAGS, dtype=np.float64)
 
     def covariance(count: int) -> Array:
-        return np.correlate(np.append(residual, np.zeros(count - 1)), residual) / (n - np.arange(count))
+        return np.correlate(np.append(residual, np.zeros(count - 1)), residual) / pairs[:count]
 
     for count in (2 * _IN_A_ROW, FEW_LAGS // _WINDOW + _IN_A_ROW + 1):  # white residuals need only the first
         found = covariance(min(count, longest))
-        correlated = last_correlated_lag(found, n - np.arange(found.size))
+        correlated = last_correlated_lag(found, pairs[: found.size])
         if correlated + _IN_A_ROW <= found.size:
             break
     reach = min(_WINDOW * correlated, longest)

@@ -109,7 +109,7 @@ def turbulence_shows(flow: FlowAngles, **given: Any) -> bool:
         return False
     scales = flow.scales or find_scales(flow.sources)
     table, n_instruments, _ = past_exponents(np.eye(scales[0].size, dtype=int)[list(flow.positions)], [], 0)
-    data = [PastData(source, (), (), (0,)) for source in flow.sources]
+    data = [PastData(source, (), (), (0,), ()) for source in flow.sources]
     base = np.tile(scales[0], 1 + len(SIGNAL_LAGS))
     products = cross_products(data, table, scales=(base, scales[1][:1]), **given).within_manoeuvres()
     m = len(flow.positions)
@@ -157,12 +157,12 @@ def instrumented_products(
     **given
         Further arguments of `prewhitened_cross_products`.
     """
-    m = len(models.theta)
-    table, n_instruments, w = past_exponents(pool, products, m)
-    data = [PastData(source, models.exponents, models.theta, tuple(responses)) for source in manoeuvres]
+    others = [j for j in range(len(models.theta)) if any(j != r for r in responses)]  # of one response or another
+    table, n_instruments, w = past_exponents(pool, products, len(others))
+    data = [PastData(source, models.exponents, models.theta, tuple(responses), tuple(others)) for source in manoeuvres]
     base = np.concatenate([np.tile(scales[0], 1 + len(SIGNAL_LAGS)), np.ones(w)])
     whitened = prewhitened_cross_products(data, table, noise, scales=(base, scales[1]), **given)
-    number = np.tile(np.arange(m), len(RESIDUAL_LAGS))  # the response to which each residual belongs
+    number = np.tile(np.array(others, dtype=int), len(RESIDUAL_LAGS))  # the response to which each residual belongs
     first = 1 + len(pool) + n_instruments
     return [
         InstrumentedProducts(one, len(pool), n_instruments, first + np.flatnonzero(number != r), own)
