@@ -35,6 +35,7 @@ def inclusion_probabilities(
     *,
     include: Iterable[int] = (),
     allowed: Callable[[Iterable[int]], bool] | None = None,
+    n_candidates: int | None = None,
 ) -> Array:
     """Probability of each candidate, by the formulas of this file.
 
@@ -50,6 +51,8 @@ def inclusion_probabilities(
         Terms in every model.
     allowed : callable, optional
         From a model to whether it may be chosen.
+    n_candidates : int, optional
+        p of the prior, where the products are of some of the candidates.
 
     Returns
     -------
@@ -62,7 +65,7 @@ def inclusion_probabilities(
     outside = np.flatnonzero(free)
     rss, less, more, other = moved_residuals(C, kept, outside)
     n, own = dof + 1.0, max(rss, ROUNDING)
-    price = np.log(n) + np.log(p)
+    price = np.log(n) + np.log(n_candidates or p)
 
     def log_weight(rss: Array, change: int) -> Array:
         return -0.5 * (n * np.log(np.maximum(rss, ROUNDING) / own) + change * price)

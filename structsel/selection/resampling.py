@@ -11,16 +11,14 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, choose_workers
-from structsel.numerics.cross_products import CrossProducts, places
+from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.inclusion import inclusion_probabilities
 from structsel.numerics.noise_models import random_block_weights
 from structsel.selection.search import (
     Search,
     SearchResult,
-    centred_triangle,
-    find_probabilities,
     model_products,
     prediction_error,
-    solve,
 )
 
 AT_A_TIME = 16  # resampled totals formed together
@@ -144,22 +142,30 @@ def bootstrap_selection(
     place = {j: i + 1 for i, j in enumerate(kept)}
     scale = products.scale
 
+    numbers, visible = search.visible
+    constraints = visible.constraints
+
     def several(some: Array) -> list[tuple[tuple[int, ...], Array, Array]]:
-        """Terms, parameters and probabilities for each row of weights; one matrix product reads the blocks for all."""
+        """Terms, parameters and probabilities for each row of weights."""
         found = []
-        for w, packed in zip(some, some @ products.packed, strict=True):
-            C = centred_triangle(packed, products.scale.size)
-            result = search.run(w, C)
-            model = packed[places(products.scale.size, [0, *(j + 1 for j in result.selected), products.scale.size - 1])]
-            found.append((result.selected, solve(model), find_probabilities(search, C, result)))
+        for repetition in search.repeat(some):
+            probabilities = inclusion_probabilities(
+                repetition.C,
+                repetition.result.effective_dof,
+                repetition.result.selected,
+                include=constraints.include,
+                allowed=None if constraints.hierarchy is None else constraints.allow,
+                n_candidates=products.n_candidates,
+            )
+            found.append((repetition.selected, repetition.theta, probabilities))
         return found
 
-    workers = choose_workers(options.workers, SAMPLES_PER_SEARCH * len(weights), products.n_candidates)
+    workers = choose_workers(options.workers, SAMPLES_PER_SEARCH * len(weights), numbers.size)
     batches = [weights[i : i + AT_A_TIME] for i in range(0, len(weights), AT_A_TIME)]
     replicates = (one for batch in JobRunner().map(several, batches, workers) for one in batch)
     for b, (selected, theta, of) in enumerate(replicates):
         counts[list(selected)] += 1.0
-        posterior += of
+        posterior[numbers] += of
         values[b, 0] = theta[0] * scale[-1]
         for value, j in zip(theta[1:], selected, strict=True):
             if j in place:

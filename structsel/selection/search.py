@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -15,8 +16,8 @@ from structsel.numerics import criteria
 from structsel.numerics.arrays import Array
 from structsel.numerics.cluster_stepwise import samples_per_independent_sample
 from structsel.numerics.collinearity import drop_correlated
-from structsel.numerics.cross_products import CONSTANT, CrossProducts, diagonal_places
-from structsel.numerics.inclusion import DEPENDENT, inclusion_probabilities
+from structsel.numerics.cross_products import CONSTANT, CrossProducts, columns_of, diagonal_places, places
+from structsel.numerics.inclusion import DEPENDENT
 from structsel.numerics.normal_equations import centre, centre_triangle, project, solve_normal_equations
 from structsel.numerics.search_path import SearchStep
 from structsel.numerics.stepwise import partial_f, stepwise
@@ -66,6 +67,18 @@ class SearchResult:
             for s in self.steps
         )
         return replace(self, selected=tuple(int(numbers[j]) for j in self.selected), steps=steps)
+
+
+class Repetition(NamedTuple):
+    """What a search with other weights of the blocks found: terms, and their parameters, scaled as the products.
+
+    ``C`` are the centred products of the candidates searched, by whose numbers ``result`` has its terms.
+    """
+
+    selected: tuple[int, ...]
+    theta: Array
+    C: Array
+    result: SearchResult
 
 
 @dataclass(frozen=True)
@@ -124,17 +137,18 @@ class Search:
     @cached_property
     def without_folds(self) -> tuple[tuple[Array, tuple[int, ...], Array], ...]:
         """For each fold: weights of the others, the terms selected from them, and their scaled parameters."""
-        found = []
-        for fold in self.folds:
-            weights = weights_without(self.products, fold)
-            kept = self.run(weights).selected
-            found.append((weights, kept, solve(model_products(self.products, kept, weights))))
-        return tuple(found)
+        weights = [weights_without(self.products, fold) for fold in self.folds]
+        if self.fixed is None and weights:
+            return tuple((w, r.selected, r.theta) for w, r in zip(weights, self.repeat(np.array(weights)), strict=True))
+        kept = [self.run(w).selected for w in weights]
+        return tuple((w, k, solve(model_products(self.products, k, w))) for w, k in zip(weights, kept, strict=True))
 
     @cached_property
-    def _visible(self) -> tuple[NDArray[np.int64], Search]:
+    def visible(self) -> tuple[NDArray[np.int64], Search]:
         """Numbers of the candidates that are searched, and the search among them."""
         numbers = np.flatnonzero(~self.hidden)
+        if numbers.size == self.hidden.size:
+            return numbers, self
         products, constraints = self.products.of_candidates(numbers), self.constraints.of_candidates(numbers)
         count = int(self._of_degree.sum())
         return numbers, replace(
@@ -142,7 +156,10 @@ class Search:
         )
 
     def run(self, weights: Array | None = None, C: Array | None = None) -> SearchResult:
-        """Search the weighted sum of blocks, or C, which is that sum centred; blocks of weight zero are not seen."""
+        """Search the weighted sum of blocks; blocks of weight zero are not seen.
+
+        C is that sum centred, of `visible`, where it is there already.
+        """
         options = self.options
         if self.cluster_robust and self.folds and not METHODS[options.method].cluster_robust:
             options = replace(options, criterion="cv", sigma_max="response")
@@ -157,9 +174,8 @@ class Search:
             part = model_products(self.products, self.fixed, weights)
             return _given(centred(part), self.fixed, self.products.dof(weights))
         if self.hidden.any():
-            numbers, visible = self._visible
-            columns = np.append(numbers, self.hidden.size)
-            return visible.run(weights, None if C is None else C[np.ix_(columns, columns)]).numbered(numbers)
+            numbers, visible = self.visible
+            return visible.run(weights, C).numbered(numbers)
         if C is None:
             C = centred_triangle(self.products.packed_total(weights), self.products.scale.size)
         problem = _pose(
@@ -173,6 +189,16 @@ class Search:
         )
         result = _choose(problem, pairs)
         return prefer_lower_degree(_drop_correlated(result, problem), problem)
+
+    def repeat(self, weights: Array) -> Iterator[Repetition]:
+        """Search the sum of blocks with each row of weights, (m, B); one matrix product reads the blocks for all."""
+        numbers, visible = self.visible
+        q = visible.products.scale.size
+        for w, packed in zip(weights, weights @ visible.products.packed, strict=True):
+            C = centred_triangle(packed, q)
+            result = visible.run(w, C)
+            theta = solve(packed[places(q, columns_of(q, result.selected))])
+            yield Repetition(tuple(numbers[list(result.selected)].tolist()), theta, C, result)
 
 
 def fold_blocks(products: CrossProducts) -> list[NDArray[np.int64]]:
@@ -355,25 +381,6 @@ def _drop_correlated(result: SearchResult, problem: SearchProblem) -> SearchResu
 
 
 # ---------------------------------------------------------------- of a model, by its cross-products
-
-
-def find_probabilities(search: Search, C: Array, result: SearchResult) -> Array:
-    """Probability that each candidate belongs in the model, (p,), from centred products and a model of them.
-
-    Zero for those that are not searched.
-    """
-    constraints = search.constraints
-    if search.hidden.any():
-        C = C.copy()
-        C[:-1][search.hidden] = 0.0
-        C[:, :-1][:, search.hidden] = 0.0
-    return inclusion_probabilities(
-        C,
-        result.effective_dof,
-        result.selected,
-        include=constraints.include,
-        allowed=None if constraints.hierarchy is None else constraints.allow,
-    )
 
 
 def model_products(products: CrossProducts, kept: Sequence[int], weights: Array | None = None) -> Array:
