@@ -102,9 +102,10 @@ class CrossProducts:
         part: Array = blocks.sum(axis=0) if weights is None else np.tensordot(weights, blocks, 1)
         return part
 
-    def parts(self, columns: Sequence[int]) -> Array:
-        """(B, c, c) products of some of the columns in each block."""
-        return self.packed[:, places(self.scale.size, columns)]
+    def parts(self, columns: Sequence[int], blocks: NDArray[np.integer] | None = None) -> Array:
+        """(B, c, c) products of some of the columns in each block, or in some of the blocks."""
+        table = places(self.scale.size, columns)
+        return self.packed[:, table] if blocks is None else self.packed[blocks[:, None, None], table]
 
     def only(self, manoeuvre: int) -> Array:
         """Products of one manoeuvre."""

@@ -25,7 +25,7 @@ import scipy
 from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
-from structsel.numerics.cross_products import CrossProducts
+from structsel.numerics.cross_products import CrossProducts, columns_of
 from structsel.numerics.normal_equations import solve_normal_equations
 
 LEAST_FRACTION = 0.005
@@ -81,8 +81,7 @@ def find_heterogeneity(products: CrossProducts, kept: Sequence[int], theta: Arra
     names, group = np.unique(products.manoeuvre, return_inverse=True)
     if names.size < 2 or not products.separate or not kept or not s2 > 0.0:
         return None
-    rows = [0, *(j + 1 for j in kept)]
-    blocks = np.stack([products.unpack(packed)[np.ix_([*rows, -1], [*rows, -1])] for packed in products.packed])
+    blocks = products.parts(columns_of(products.scale.size, kept))
     total = blocks.sum(axis=0)
     residual = np.append(-theta, 1.0)
     found = [_of_term(blocks, total, residual, i + 1, group, s2) for i in range(len(kept))]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structsel.numerics.arrays import Array
+from structsel.numerics.cross_products import columns_of
 from structsel.selection.resampling import bootstrap_units
 from structsel.selection.search import (
     ROUNDING,
@@ -61,9 +62,9 @@ def unit_errors(search: Search) -> Array:
     products = search.products
     errors = np.zeros(products.n_blocks)
     for fold, (_, kept, theta) in zip(search.folds, search.without_folds, strict=True):
-        model = products.parts([0, *(j + 1 for j in kept), products.scale.size - 1])
-        for block in fold:
-            errors[block] = prediction_error(theta, model[block])
+        model = products.parts(columns_of(products.scale.size, kept), fold)
+        residual = np.append(-theta, 1.0)
+        errors[fold] = np.maximum(model @ residual @ residual, 0.0)
     return np.bincount(bootstrap_units(products), errors).astype(float)
 
 

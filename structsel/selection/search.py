@@ -138,10 +138,16 @@ class Search:
     def without_folds(self) -> tuple[tuple[Array, tuple[int, ...], Array], ...]:
         """For each fold: weights of the others, the terms selected from them, and their scaled parameters."""
         weights = [weights_without(self.products, fold) for fold in self.folds]
-        if self.fixed is None and weights:
+        if not weights:
+            return ()
+        if self.fixed is None:
             return tuple((w, r.selected, r.theta) for w, r in zip(weights, self.repeat(np.array(weights)), strict=True))
-        kept = [self.run(w).selected for w in weights]
-        return tuple((w, k, solve(model_products(self.products, k, w))) for w, k in zip(weights, kept, strict=True))
+        blocks, found = self.products.parts(columns_of(self.products.scale.size, self.fixed)), []
+        for w in weights:
+            part = np.tensordot(w, blocks, 1)
+            columns = _independent(centred(part), self.fixed)
+            found.append((w, tuple(self.fixed[i] for i in columns), solve(part, columns)))
+        return tuple(found)
 
     @cached_property
     def visible(self) -> tuple[NDArray[np.int64], Search]:
@@ -214,7 +220,9 @@ def fold_blocks(products: CrossProducts) -> list[NDArray[np.int64]]:
 
 def weights_without(products: CrossProducts, fold: NDArray[np.int64]) -> Array:
     """Weights that leave the blocks of a fold out."""
-    return np.where(np.isin(np.arange(products.n_blocks), fold), 0.0, 1.0)
+    weights = np.ones(products.n_blocks)
+    weights[fold] = 0.0
+    return weights
 
 
 def centred(product: Array) -> Array:
@@ -238,15 +246,19 @@ def centred_triangle(packed: Array, q: int) -> Array:
 
 def _given(C: Array, terms: Sequence[int], dof: float) -> SearchResult:
     """The fit of given terms, whose products C are, without those that are constant or depend on the others."""
-    columns = [i for i in range(len(terms)) if C[i, i] > 0.0]
-    if columns:
-        root = np.sqrt(np.diag(C)[columns])
-        _, pivot, rank, _ = scipy.linalg.lapack.dpstrf(
-            C[np.ix_(columns, columns)] / np.outer(root, root), tol=DEPENDENT
-        )
-        columns = sorted((columns[i - 1] for i in pivot[:rank]), key=lambda i: terms[i])
+    columns = _independent(C, terms)
     rss = project(C, columns).rss if columns else float(C[-1, -1])
     return SearchResult(tuple(terms[i] for i in columns), rss, float(C[-1, -1]), (), "terms as given", dof, dof)
+
+
+def _independent(C: Array, terms: Sequence[int]) -> list[int]:
+    """Places of the given terms, whose products C are, that are not constant and do not depend on the others."""
+    columns = [i for i in range(len(terms)) if C[i, i] > 0.0]
+    if not columns:
+        return []
+    root = np.sqrt(np.diag(C)[columns])
+    _, pivot, rank, _ = scipy.linalg.lapack.dpstrf(C[np.ix_(columns, columns)] / np.outer(root, root), tol=DEPENDENT)
+    return sorted((columns[i - 1] for i in pivot[:rank]), key=lambda i: terms[i])
 
 
 def _pose(
