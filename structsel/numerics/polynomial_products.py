@@ -101,13 +101,13 @@ def plan_polynomial_products(words: tuple[Word, ...], n_base: int) -> Polynomial
 
 
 @lru_cache(maxsize=8)
-def _triangle_of(words: tuple[Word, ...], n_base: int, m: int) -> NDArray[np.int32]:
+def _triangle_of(words: tuple[Word, ...], n_base: int, m: int) -> NDArray[np.intp]:
     """Index of each entry of the triangle of Z'Z in [1 and responses, these with rows, products of the groups]."""
     plan = plan_polynomial_products(words, n_base)
     assert plan is not None
     p, rows, above = len(words), plan.rows.target.size, 1 + m
     inner, outside = slice(1, 1 + p), [0, *range(1 + p, above + p)]
-    place = np.empty((above + p, above + p), dtype=np.int32)
+    place = np.empty((above + p, above + p), dtype=np.intp)
     place[np.ix_(outside, outside)] = np.arange(above**2).reshape(above, above)
     begins = above**2 + np.arange(above) * rows
     place[outside, inner] = begins[:, None] + plan.member
@@ -184,4 +184,4 @@ class PolynomialProducts:
             for (tall, wide, _, at), (n, m) in zip(self.groups, self.sizes, strict=True)
         )
         cross = np.concatenate([s[:above] for s in each], axis=1)
-        return np.concatenate([own.ravel(), cross.ravel(), *(s[above:].ravel() for s in each)])[self.gather]
+        return np.concatenate([own.ravel(), cross.ravel(), *(s[above:].ravel() for s in each)]).take(self.gather)
