@@ -25,7 +25,8 @@ from structsel.numerics.regressors import ArrayData, DataSource
 from structsel.selection import SelectOptions, select_arrays
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.methods import SearchConstraints
-from structsel.selection.search import Search, SearchResult
+from structsel.selection.search import Search
+from structsel.selection.search_result import SearchResult
 
 
 @dataclass(frozen=True)

@@ -200,14 +200,14 @@ def check_products(C: ArrayLike, dof: float, who: str) -> Array:
 
 def candidate_numbers(values: Sequence[int], p: int, who: str, what: str) -> NDArray[np.int64]:
     """Columns of C without repetition, or a `SelectionError` that states the wrong ones."""
-    array = np.asarray(list(dict.fromkeys(int(v) for v in values)), dtype=np.int64)
-    if array.size and (array.min() < 0 or array.max() >= p):
-        bad = [int(v) for v in array if not 0 <= v < p]
+    numbers = list(dict.fromkeys(int(v) for v in values))
+    if numbers and not 0 <= min(numbers) <= max(numbers) < p:
+        bad = [v for v in numbers if not 0 <= v < p]
         raise SelectionError(
             f"{who} needs {what} to be candidate numbers from 0 to {p - 1}; found {bad}. Number the "
             "candidates as the columns of C."
         )
-    return array
+    return np.array(numbers, dtype=np.int64)
 
 
 def check_size(include: NDArray[np.int64], initial: NDArray[np.int64], dof: float, max_terms: int, who: str) -> None:

@@ -11,7 +11,7 @@ from structsel.numerics.noise_models import ARNoise
 from structsel.selection.aliases import AliasedPair
 from structsel.selection.heterogeneity import Heterogeneity
 from structsel.selection.resampling import Bootstrap, CrossValidation
-from structsel.selection.search import SearchResult
+from structsel.selection.search_result import SearchResult
 
 
 @dataclass(frozen=True)

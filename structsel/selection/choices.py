@@ -17,7 +17,8 @@ from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import DataSource, Scales
 from structsel.numerics.residuals import fit_residual_noise
 from structsel.selection.constants import without_constants
-from structsel.selection.search import Search, SearchResult, model_products, solve
+from structsel.selection.search import Search, model_products, solve
+from structsel.selection.search_result import SearchResult
 from structsel.selection.settings import SelectOptions
 
 LEAST_INNOVATION = 1e-10  # of the response's scale

@@ -32,7 +32,6 @@ from structsel.selection.prewhitening import cluster_robust, iterate_prewhitenin
 from structsel.selection.resampling import bootstrap_selection, cross_validate
 from structsel.selection.search import (
     Search,
-    SearchResult,
     centred,
     fold_blocks,
     model_products,
@@ -40,6 +39,7 @@ from structsel.selection.search import (
     solve,
     weights_without,
 )
+from structsel.selection.search_result import SearchResult
 from structsel.selection.settings import SelectOptions
 
 

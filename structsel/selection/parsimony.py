@@ -13,11 +13,11 @@ from structsel.selection.resampling import bootstrap_units
 from structsel.selection.search import (
     ROUNDING,
     Search,
-    SearchResult,
     model_products,
     prediction_error,
     weights_without,
 )
+from structsel.selection.search_result import SearchResult
 
 SAME_ERROR = 1e-9  # of a squared error: a smaller difference is rounding
 REFUTED = 2.0  # standard errors by which the complete model, its terms given, predicts better

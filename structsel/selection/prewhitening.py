@@ -22,12 +22,12 @@ from structsel.selection.resampling import cross_validate
 from structsel.selection.search import (
     ROUNDING,
     Search,
-    SearchResult,
     centred,
     model_products,
     prediction_error,
     solve,
 )
+from structsel.selection.search_result import SearchResult
 
 ROUNDS = 4  # of noise model and search; the terms stay the same after two almost always
 SIGNIFICANCE = 0.01  # of the test that estimates differ

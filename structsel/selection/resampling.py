@@ -16,10 +16,10 @@ from structsel.numerics.inclusion import inclusion_probabilities
 from structsel.numerics.noise_models import random_block_weights
 from structsel.selection.search import (
     Search,
-    SearchResult,
     model_products,
     prediction_error,
 )
+from structsel.selection.search_result import SearchResult
 
 AT_A_TIME = 16  # resampled totals formed together
 CALIBRATION = 0.46, 1.11
