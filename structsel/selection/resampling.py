@@ -21,7 +21,7 @@ from structsel.selection.search import (
 )
 from structsel.selection.search_result import SearchResult
 
-AT_A_TIME = 16  # resampled totals formed together
+AT_A_TIME = 16  # resampled searches of one job
 CALIBRATION = 0.46, 1.11
 """Logistic regression of truth on the logit of the posterior above 0.02: 160 records of "signals", 80 replicates, in
 benchmarks/inclusion.py; standard errors 0.09 and 0.05. Checked on the other generator there."""

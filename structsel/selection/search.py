@@ -31,6 +31,7 @@ Fold = tuple[Array, Array]
 ROUNDING = 1e-12  # of the response's sum of squares: a residual below it is rounding, and no model is better for it
 FOLDS_WITHIN = 4  # parts left out in turn where there is a single manoeuvre
 MAX_FOLDS = 12
+SUMS_TOGETHER = 4  # weighted sums of the blocks formed by one matrix product; each has the size of a block
 
 
 class Repetition(NamedTuple):
@@ -161,14 +162,16 @@ class Search:
         return prefer_lower_degree(drop_correlated_terms(result, problem), problem)
 
     def repeat(self, weights: Array) -> Iterator[Repetition]:
-        """Search the sum of blocks with each row of weights, (m, B); one matrix product reads the blocks for all."""
+        """Search the sum of blocks with each row of weights, (m, B); the blocks are read once for a few of them."""
         numbers, visible = self.visible
         q = visible.products.scale.size
-        for w, packed in zip(weights, weights @ visible.products.packed, strict=True):
-            C = centred_triangle(packed, q)
-            result = visible.run(w, C)
-            theta = solve(packed[places(q, columns_of(q, result.selected))])
-            yield Repetition(tuple(numbers[list(result.selected)].tolist()), theta, C, result)
+        for start in range(0, len(weights), SUMS_TOGETHER):
+            some = weights[start : start + SUMS_TOGETHER]
+            for w, packed in zip(some, some @ visible.products.packed, strict=True):
+                C = centred_triangle(packed, q)
+                result = visible.run(w, C)
+                theta = solve(packed[places(q, columns_of(q, result.selected))])
+                yield Repetition(tuple(numbers[list(result.selected)].tolist()), theta, C, result)
 
 
 def fold_blocks(products: CrossProducts) -> list[NDArray[np.int64]]:
