@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations_with_replacement
 from math import comb
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,6 +118,42 @@ def _triangle_of(words: tuple[Word, ...], n_base: int, m: int) -> NDArray[np.int
     return place[np.triu_indices(above + p)]
 
 
+class Groups(NamedTuple):
+    """Products of groups of rows in complete tiles.
+
+    Attributes
+    ----------
+    left : int array
+        Rows on the left.
+    sizes : tuple of (int, int)
+        Products of each group; those of [1, responses] with one another are the first.
+    tiles : (groups, 4) int array
+        See `structsel.numerics.tiles.add_groups`.
+    n_sums : int
+        Those that fill the last tiles included.
+    """
+
+    left: NDArray[np.int32]
+    sizes: tuple[tuple[int, int], ...]
+    tiles: NDArray[np.int64]
+    n_sums: int
+
+
+@lru_cache(maxsize=8)
+def _plan_groups(words: tuple[Word, ...], n_base: int, m: int) -> Groups:
+    """Groups of a plan with the constant and m responses above its rows."""
+    plan = plan_polynomial_products(words, n_base)
+    assert plan is not None
+    above = 1 + m
+    left = np.concatenate([np.arange(above), above + plan.prefix, np.zeros(TALL - 1)]).astype(np.int32)
+    sizes = ((above, above), *((above + n, stop - start) for n, start, stop in plan.groups))
+    # Rows of the next group, or of ones, fill the last tiles.
+    padded = [(round_up(tall, TALL), round_up(wide, WIDE)) for tall, wide in sizes]
+    ends = np.cumsum([0, *(tall * wide for tall, wide in padded)])
+    first = [0, *(above + start for _, start, _ in plan.groups)]
+    return Groups(left, sizes, np.column_stack([np.array(padded), first, ends[:-1]]), int(ends[-1]))
+
+
 @njit(cache=True, nogil=True)
 def _add_samples(
     base: NDArray[np.float64],
@@ -152,36 +189,28 @@ class PolynomialProducts:
     """
 
     def __init__(self, words: tuple[Word, ...], scales: Scales):
-        plan = plan_polynomial_products(words, scales[0].size)
+        n_base, m = scales[0].size, scales[1].size
+        plan = plan_polynomial_products(words, n_base)
         assert plan is not None
         self.plan, self.weight, self.response_scale = plan, 1.0 / scales[0], scales[1][:, None]
-        self.gather = _triangle_of(words, scales[0].size, scales[1].size)
-        above = self.above = 1 + scales[1].size
-        self.rows = np.empty((above + plan.rows.n_rows + WIDE - 1, CHUNK))
+        self.gather, self.groups = _triangle_of(words, n_base, m), _plan_groups(words, n_base, m)
+        self.above = 1 + m
+        self.rows = np.empty((self.above + plan.rows.n_rows + WIDE - 1, CHUNK))
         self.rows[0] = 1.0
-        self.rows[above + plan.rows.n_rows :] = 1.0
-        left = np.concatenate([np.arange(above), above + plan.prefix, np.zeros(TALL - 1)])
-        self.left = left.astype(np.int32)
-        # The products of [1, responses] are first. Rows of the next group, or of ones, fill the last tiles.
-        self.sizes = [(above, above), *((above + n, stop - start) for n, start, stop in plan.groups)]
-        padded = [(round_up(tall, TALL), round_up(wide, WIDE)) for tall, wide in self.sizes]
-        ends = np.cumsum([0, *(tall * wide for tall, wide in padded)])
-        first = [0, *(above + start for _, start, _ in plan.groups)]
-        self.groups = np.column_stack([np.array(padded), first, ends[:-1]])
-        self.n_sums = int(ends[-1])
+        self.rows[self.above + plan.rows.n_rows :] = 1.0
 
     def over(self, source: DataSource, start: int, stop: int) -> Array:
         """Upper triangle of Z'Z of these samples, row by row."""
-        above, plan, sums = self.above, self.plan.rows, np.zeros(self.n_sums)
-        monomials = plan.target, plan.parent, plan.factor
+        above, plan, groups = self.above, self.plan.rows, self.groups
+        monomials, sums = (plan.target, plan.parent, plan.factor), np.zeros(groups.n_sums)
         for slab in range(start, stop, READ_AT_ONCE):
             end = min(slab + READ_AT_ONCE, stop)
             base = np.ascontiguousarray(source.base(slab, end), dtype=float)
             response = source.responses(slab, end) / self.response_scale
-            _add_samples(base, response, self.weight, *monomials, self.rows, self.left, self.groups, sums)
+            _add_samples(base, response, self.weight, *monomials, self.rows, groups.left, groups.tiles, sums)
         own, *each = (
             sums[at : at + tall * wide].reshape(tall, wide)[:n, :m]
-            for (tall, wide, _, at), (n, m) in zip(self.groups, self.sizes, strict=True)
+            for (tall, wide, _, at), (n, m) in zip(groups.tiles, groups.sizes, strict=True)
         )
         cross = np.concatenate([s[:above] for s in each], axis=1)
         return np.concatenate([own.ravel(), cross.ravel(), *(s[above:].ravel() for s in each)]).take(self.gather)

@@ -34,8 +34,7 @@ SIGNIFICANCE = 0.01  # of the test that estimates differ
 WORSE = 1.25  # ratio of squared errors of the fit from which it is asked whether noise can be why
 POOL = 32, 0.2
 """Candidates that a pool takes from each of two rankings, and the fraction of all where that is more."""
-LARGEST_POOL = 0.5  # of the candidates; the products cost the square of it
-SEARCH_ALL = 200  # candidates up to which all are searched in the end: their products cost little
+LARGEST_POOL = 0.6  # of the candidates; the products cost the square of it
 SPARSE, PARTS, SHORTEST_PART = 8, 4, 256
 """One sample in so many is in a part; parts of each manoeuvre; samples of the shortest part."""
 
@@ -74,7 +73,7 @@ def iterate_prewhitening(
     """Fit a noise model to each manoeuvre's residual, prewhiten, search; again until the terms stay the same.
 
     The first round searches the candidates that explain most of the residual only: what it finds makes the noise model
-    of the next one, which usually confirms it. Of very many candidates later rounds search only those that change the
+    of the next one, which usually confirms it. Where single moves decide, later rounds search only those that lower the
     residual most beside the terms of the last round or in the place of one: no other can come in if these do not.
     """
     choices = [Choice(search, result, (), False) for search, result in zip(plain, white_noise, strict=True)]
@@ -84,7 +83,7 @@ def iterate_prewhitening(
     if pilot is not None:
         searches = _search_only(data, plain, pending, noise, pilot)
         choices = [Choice(search, search.run(), models, False) for search, models in zip(searches, noise, strict=True)]
-    pools = pilot is not None and data.options.moves_singly and len(data.exponents) > SEARCH_ALL
+    pools = pilot is not None and data.options.moves_singly
     for number in range(ROUNDS):
         if number or pilot is not None:
             noise = fit_noise(data, choices, pending, shared)
@@ -222,7 +221,7 @@ def _in_parts(
 def _nearest(search: Search, selected: Sequence[int], count: int) -> NDArray[np.bool_]:
     """(p,) the terms selected or given, and the candidates by which the residual sum of squares is least.
 
-    As many as ``count`` beside the terms, and as many in the place of one of them.
+    As many as ``count`` beside the terms, and as many in the place of one, of each term the same number.
     """
     C = centred(search.products.total())
     pool = np.zeros(search.hidden.size, dtype=bool)
@@ -231,8 +230,9 @@ def _nearest(search: Search, selected: Sequence[int], count: int) -> NDArray[np.
     kept = np.flatnonzero(pool)
     outside = np.flatnonzero(~pool & ~search.hidden & (np.diag(C)[:-1] > 0.0))
     _, _, beside, exchanged = moved_residuals(C, kept, outside)
-    for rss in (beside, exchanged.min(axis=0, initial=np.inf)):
-        pool[outside[np.argsort(rss, kind="stable")[:count]]] = True
+    pool[outside[np.argsort(beside, kind="stable")[:count]]] = True
+    for rss in exchanged:
+        pool[outside[np.argsort(rss, kind="stable")[: -(-count // kept.size)]]] = True
     return pool
 
 

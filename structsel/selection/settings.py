@@ -5,8 +5,9 @@ The command line and the documentation take names, types, defaults, choices and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -190,7 +191,7 @@ class SelectOptions:
             object.__setattr__(self, name, renamed_value(name, getattr(self, name), new_values))
         if self.method not in METHODS:
             raise SelectionError(f"select: method={self.method!r} is not one of {_listed(list(METHODS))}.")
-        for name, hint in get_type_hints(type(self)).items():
+        for name, hint in _field_types().items():
             _check_choice(name, getattr(self, name), hint)
         for name, least in (("bootstrap", 0), ("max_ar_order", 0), ("max_terms", 1), ("components", 1)):
             value = getattr(self, name)
@@ -239,6 +240,12 @@ class SelectOptions:
     def rows_may_be_causal(self) -> bool:
         """Whether rows may be causal, by option or because turbulence shows."""
         return self.rows != "sampled" and self.noise == "ar"
+
+
+@cache
+def _field_types() -> Mapping[str, Any]:
+    """Type of each option, which is written as text."""
+    return get_type_hints(SelectOptions)
 
 
 def _check_choice(name: str, value: Any, hint: Any) -> None:
