@@ -86,9 +86,9 @@ def find_simplest(search: Search, result: SearchResult) -> Simplest:
     "As well": the mean of the differences of squared error between folds is within one standard error of zero.
     Differences of the same fold are compared, since manoeuvres differ by more than models do.
 
-    These are errors of selections repeated without each fold, and some may be wrong. So a model is not one of them if
-    the terms of the complete selection, only estimated again without each fold, predict better than its terms by more
-    than two standard errors of the differences between manoeuvres or, of few manoeuvres, blocks.
+    These are errors of selections repeated without each fold, and some may be wrong. So a model is not taken if
+    the terms of the complete selection, only estimated again without each fold, predict better by more than two
+    standard errors of the differences between manoeuvres or, of few manoeuvres, blocks.
     """
     given = Simplest(search, result)
     degrees = np.unique(search.constraints.degrees[~search.hidden])
@@ -112,12 +112,12 @@ def is_larger(a: Array, b: Array, standard_errors: float = 1.0) -> bool:
 
 
 def _fewest_terms(tried: Sequence[Simplest]) -> Simplest:
-    """The rule of `find_simplest`; the first is the complete search. What is refuted is not repeated without folds."""
+    errors = [fold_errors(one.search) for one in tried]
+    at = int(np.argmin([e.sum() for e in errors]))
     given = [unit_errors(replace(one.search, fixed=one.result.selected, degree=None)) for one in tried]
-    usable = [one for one, error in zip(tried, given, strict=True) if not is_larger(error, given[0], REFUTED)]
-    if len(usable) == 1:
-        return usable[0]
-    errors = [fold_errors(one.search) for one in usable]
-    best = min(errors, key=np.sum)
-    as_good = [one for one, error in zip(usable, errors, strict=True) if not is_larger(error, best)]
-    return min(as_good, key=lambda one: len(one.result.selected))
+    usable = [
+        one
+        for one, error, of_terms in zip(tried, errors, given, strict=True)
+        if not is_larger(error, errors[at]) and not is_larger(of_terms, given[0], REFUTED)
+    ]
+    return min(usable or [tried[at]], key=lambda one: len(one.result.selected))
