@@ -23,6 +23,7 @@ from structsel.numerics.blocks import (
     count_samples,
     cut_blocks,
 )
+from structsel.numerics.compiling import njit
 from structsel.numerics.cross_products import CrossProducts, columns_of, diagonal_places, places, triangle_size
 from structsel.numerics.noise_models import ARNoise, pooled_innovation_std, prewhiten
 from structsel.numerics.rank_update import RowProducts
@@ -88,6 +89,16 @@ def prewhitened_cross_products(
     return [CrossProducts(of_response[r], n, first, last, packed[:, r], p, 1) for r in range(m)]
 
 
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def _add_squares(rows: Array, squares: Array) -> None:  # pragma: no cover - compiled
+    """Add the sum of squares of each row to ``squares``; several times as fast as numpy's einsum."""
+    for i in range(rows.shape[0]):
+        row, total = rows[i], 0.0
+        for t in range(row.size):
+            total += row[t] * row[t]
+        squares[i] += total
+
+
 class ProductsWithSome:
     """Sums of the products of some rows with all, and of the square of every row.
 
@@ -105,7 +116,7 @@ class ProductsWithSome:
     def add(self, rows: Array) -> None:
         """Add the products of these rows, (q, n)."""
         self.sums += rows[self.some] @ rows.T
-        self.squares += np.einsum("ij,ij->i", rows, rows)
+        _add_squares(rows, self.squares)
 
     def triangle(self) -> Array:
         """The sum so far, row by row; zero where it is not formed."""
