@@ -247,7 +247,7 @@ def remove_constant(packed: Array, sums: Array, m: Array) -> None:  # pragma: no
 def places(q: int, columns: Sequence[int] | NDArray[np.integer]) -> NDArray[np.intp]:
     """(c, c) table of where the products of some of the q columns lie in the packed triangle."""
     index = np.asarray(columns, dtype=np.intp)
-    return _places(q)[np.ix_(index, index)]
+    return _places(q)[index[:, None], index]
 
 
 def columns_of(q: int, candidates: Sequence[int] | NDArray[np.integer]) -> list[int]:

@@ -94,7 +94,7 @@ def project(product: Array, columns: Sequence[int]) -> Projection:
 def solve_normal_equations(product: Array, columns: Sequence[int]) -> Array:
     """Parameters (k,) of the last column on some of the others; as `project`, without the other columns."""
     rows = np.asarray(columns, dtype=int)
-    theta: Array = _inverse(product[np.ix_(rows, rows)]) @ product[rows, -1]
+    theta: Array = _inverse(product[rows[:, None], rows]) @ product[rows, -1]
     return theta
 
 
