@@ -12,7 +12,6 @@ from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import ArrayData
 from structsel.recording import Recording
 from structsel.selection import select
-from structsel.selection.constants import slope_error
 from tests.pools import ar1, monomial_exponents
 
 POOL = Candidates.polynomial(["alpha", "q_hat", "de"], 2)
@@ -133,22 +132,6 @@ def test_recordings_of_one_level_have_a_common_constant_by_default():
     # 20 sets of four recordings: a test at 5 %, and a better prediction besides, seldom occur together.
     own = sum(bool(select(recorded([0.01] * 4, seed=s), "Cm", POOL, bootstrap=0).constants) for s in range(20))
     assert own <= 3
-
-
-def test_slopes_are_judged_on_manoeuvres_left_out_about_their_own_means():
-    rng = np.random.default_rng(2)
-    x = [rng.normal(k, 1.0, (2, 50)) for k in range(3)]
-    y = [np.array([0.5, -1.0]) @ x[k] + k**2 + rng.normal(size=50) for k in range(3)]
-    sources = [ArrayData(a, b[None]) for a, b in zip(x, y, strict=True)]
-    products = cross_products(sources, np.eye(2, dtype=int), blocks=6)
-    folds = [np.flatnonzero(products.manoeuvre == k) for k in range(3)]
-    error = 0.0
-    for k in range(3):
-        X = np.vstack([np.column_stack([np.ones(50), x[i].T]) for i in range(3) if i != k])
-        theta = np.linalg.lstsq(X, np.concatenate([y[i] for i in range(3) if i != k]), rcond=None)[0]
-        error += 50.0 * np.var(y[k] - theta[1:] @ x[k])
-    found = slope_error(products, products.within_manoeuvres(), [0, 1], folds)
-    assert_allclose(found * products.scale[-1] ** 2, error, rtol=1e-9)
 
 
 def test_a_model_of_own_constants_predicts_a_new_recording_with_their_mean():

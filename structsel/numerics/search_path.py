@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.search_model import ACTIONS, STOPS
 
 
-class SearchStep(NamedTuple):
+@dataclass(frozen=True)
+class SearchStep:
     """One move of a search.
 
     Attributes

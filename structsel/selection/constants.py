@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from structsel.numerics.arrays import Array
 from structsel.numerics.cross_products import CrossProducts
 from structsel.numerics.regressors import DataSource
-from structsel.selection.search import Search, model_products, prediction_error, solve, weights_without
+from structsel.selection.search import Search, model_products, prediction_error, solve
 
 SIGNIFICANCE = 0.05  # of the test that constants differ
 ROUNDING = 1e-6  # of a squared error: a smaller difference decides nothing
@@ -44,8 +44,7 @@ def choose_constants(search: Search) -> Search:
 
     With ``constants="auto"`` each has its own where they differ by more than the noise explains, unless the slopes then
     predict manoeuvres left out worse, each about its own mean. The mean of a new manoeuvre is known when it is
-    predicted from its start; which slopes belong to it is what is judged here. So both are slopes of the same terms:
-    all that are selected with either kind of constant.
+    predicted from its start; which slopes belong to it is what is judged here.
     """
     if search.options.constants == "shared":
         return search
@@ -59,9 +58,8 @@ def choose_constants(search: Search) -> Search:
     if not constants_differ(products, own.products, own.result.selected):
         return search
     # Of two manoeuvres each fold has one, and both kinds of constant give the same slopes up to rounding.
-    terms = sorted({*own.result.selected, *search.result.selected})
-    error, own_error = (slope_error(p, own.products, terms, search.folds) for p in (products, own.products))
-    return search if own_error > error * (1.0 + ROUNDING) else own
+    worse = slope_error(own, own.products) > slope_error(search, own.products) * (1.0 + ROUNDING)
+    return search if worse else own
 
 
 def constants_differ(products: CrossProducts, own: CrossProducts, kept: Sequence[int]) -> bool:
@@ -85,16 +83,12 @@ def constants_differ(products: CrossProducts, own: CrossProducts, kept: Sequence
     return bool(between > within * scipy.stats.f.isf(SIGNIFICANCE, *freedom))
 
 
-def slope_error(
-    products: CrossProducts, within: CrossProducts, kept: Sequence[int], folds: Sequence[NDArray[np.int64]]
-) -> float:
-    """Squared error of manoeuvres about their own means, each predicted by these terms estimated without it."""
-    columns = [0, *(j + 1 for j in kept), products.scale.size - 1]
-    fitted, predicted = products.parts(columns), within.parts(columns)
+def slope_error(search: Search, within: CrossProducts) -> float:
+    """Squared error of manoeuvres about their own means, each predicted by a selection without it."""
     total = 0.0
-    for fold in folds:
-        theta = solve(np.tensordot(weights_without(products, fold), fitted, 1))
-        total += prediction_error(np.append(0.0, theta[1:]), predicted[fold].sum(axis=0))
+    for weights, kept, theta in search.without_folds:
+        slopes = np.append(0.0, theta[1:])
+        total += prediction_error(slopes, model_products(within, kept, 1.0 - weights))
     return total
 
 

@@ -35,7 +35,7 @@ WORSE = 1.25  # ratio of squared errors of the fit from which it is asked whethe
 POOL = 32, 0.2
 """Candidates that a pool takes from each of two rankings, and the fraction of all where that is more."""
 LARGEST_POOL = 0.6  # of the candidates; the products cost the square of it
-SPARSE, PARTS, SHORTEST_PART = 8, 4, 256
+SPARSE, PARTS, SHORTEST_PART = 16, 4, 128
 """One sample in so many is in a part; parts of each manoeuvre; samples of the shortest part."""
 
 
@@ -195,8 +195,8 @@ def _pilot(data: EngineData, choices: Sequence[Choice], noise: Sequence[Sequence
     pool = np.zeros(p, dtype=bool)
     for choice, products in zip(choices, some, strict=True):
         sparse = replace(choice.search, products=_own_constants(products, choice.search))
-        pool |= _nearest(choice.search, choice.result.selected, count // 2)
-        pool |= _nearest(sparse, sparse.run().selected, count // 2)
+        pool |= _nearest(choice.search, choice.result.selected, count // 4)
+        pool |= _nearest(sparse, sparse.run().selected, count // 4)
     return pool if pool.sum() <= LARGEST_POOL * p else None
 
 

@@ -43,7 +43,7 @@ class SearchResult:
     def numbered(self, numbers: NDArray[np.int64]) -> SearchResult:
         """The same where candidate i is number ``numbers[i]`` of a larger pool."""
         steps = tuple(
-            s._replace(index=int(numbers[s.index]), other=int(numbers[s.other]) if s.other >= 0 else s.other)
+            replace(s, index=int(numbers[s.index]), other=int(numbers[s.other]) if s.other >= 0 else s.other)
             for s in self.steps
         )
         return replace(self, selected=tuple(int(numbers[j]) for j in self.selected), steps=steps)
