@@ -99,6 +99,11 @@ def join_manoeuvres(lengths: Sequence[int], limit: int) -> list[Block]:
     return [tuple(Segment(k, 0, lengths[k]) for k in group) for group in groups]
 
 
+def first_and_last(blocks: Sequence[Block]) -> NDArray[np.int64]:
+    """(2, B) first and last manoeuvre of each block."""
+    return np.array([[block[0].manoeuvre, block[-1].manoeuvre] for block in blocks]).T
+
+
 def count_samples(blocks: Sequence[Block], reach: Sequence[int] | None = None) -> NDArray[np.int64]:
     """(B,) samples of each block, without the first ``reach`` samples of a manoeuvre, which start a filter."""
     return np.array(

@@ -28,6 +28,7 @@ from structsel.numerics.blocks import (
     choose_workers,
     count_samples,
     cut_blocks,
+    first_and_last,
 )
 from structsel.numerics.compiling import njit
 from structsel.numerics.polynomial_products import PolynomialProducts, plan_polynomial_products
@@ -177,8 +178,10 @@ class CrossProducts:
         responses = 1 + self.n_candidates + np.arange(self.n_responses)
         return self._of_columns(np.concatenate([[0], 1 + candidates, responses]), candidates.size, self.n_responses)
 
-    def among(self, candidates: NDArray[np.integer], scale: Array) -> CrossProducts:
-        """These as products of some of more candidates; those of the others are zero.
+    def among(
+        self, candidates: NDArray[np.integer], scale: Array, others: CrossProducts | None = None
+    ) -> CrossProducts:
+        """These as products of some of more candidates.
 
         Parameters
         ----------
@@ -186,24 +189,12 @@ class CrossProducts:
             Number of each among all.
         scale : (q,) array
             Divisor of each of all columns.
+        others : CrossProducts, optional
+            Of all, whose products the others keep; zero where absent.
         """
-        packed = np.zeros((self.n_blocks, triangle_size(scale.size)))
-        packed[:, _triangle_of(scale.size, candidates)] = self.packed
+        packed = np.zeros((self.n_blocks, triangle_size(scale.size))) if others is None else others.packed.copy()
+        packed[:, upper_triangle(places(scale.size, columns_of(scale.size, candidates)))] = self.packed
         return replace(self, scale=scale, packed=packed, n_candidates=scale.size - 2)
-
-    def only_with(self, candidates: Sequence[int]) -> CrossProducts:
-        """Zero but for squares and the products of every column with some candidates, the constant and the response."""
-        q = self.scale.size
-        known = np.append(diagonal_places(q), _places(q)[columns_of(q, candidates)])
-        packed = np.zeros_like(self.packed)
-        packed[:, known] = self.packed[:, known]
-        return replace(self, packed=packed)
-
-    def joined(self, other: CrossProducts, candidates: NDArray[np.integer]) -> CrossProducts:
-        """The same with the other's products of some candidates with one another."""
-        packed, inside = self.packed.copy(), _triangle_of(self.scale.size, candidates)
-        packed[:, inside] = other.packed[:, inside]
-        return replace(self, packed=packed)
 
     @property
     def separate(self) -> bool:
@@ -253,11 +244,6 @@ def places(q: int, columns: Sequence[int] | NDArray[np.integer]) -> NDArray[np.i
 def columns_of(q: int, candidates: Sequence[int] | NDArray[np.integer]) -> list[int]:
     """The constant, these candidates and the response among q columns of one response."""
     return [0, *(1 + int(j) for j in candidates), q - 1]
-
-
-def _triangle_of(q: int, candidates: NDArray[np.integer]) -> NDArray[np.intp]:
-    """Places of the products of these candidates, the constant and the response, row by row."""
-    return upper_triangle(places(q, columns_of(q, candidates)))
 
 
 def diagonal_places(q: int) -> NDArray[np.intp]:
@@ -318,7 +304,7 @@ def cross_products(
         choose_workers(workers, int(n.sum()), p),
         progress,
     )
-    first, last = np.array([[block[0].manoeuvre, block[-1].manoeuvre] for block in cut]).T
+    first, last = first_and_last(cut)
     return CrossProducts(column_scale(exponents, scales), n, first, last, packed.reshape(len(cut), -1), p, m)
 
 

@@ -22,6 +22,7 @@ from structsel.numerics.blocks import (
     choose_workers,
     count_samples,
     cut_blocks,
+    first_and_last,
 )
 from structsel.numerics.compiling import njit
 from structsel.numerics.cross_products import CrossProducts, columns_of, diagonal_places, places, triangle_size
@@ -85,7 +86,7 @@ def prewhitened_cross_products(
     packed = values.reshape(len(cut), m, -1)
     scale = column_scale(exponents, scales)
     of_response = [np.append(scale[: p + 1], scale[p + 1 + r]) for r in range(m)]
-    first, last = np.array([[block[0].manoeuvre, block[-1].manoeuvre] for block in cut]).T
+    first, last = first_and_last(cut)
     return [CrossProducts(of_response[r], n, first, last, packed[:, r], p, 1) for r in range(m)]
 
 

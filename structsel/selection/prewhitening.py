@@ -33,7 +33,8 @@ ROUNDS = 4  # of noise model and search; the terms stay the same after two almos
 SIGNIFICANCE = 0.01  # of the test that estimates differ
 WORSE = 1.25  # ratio of squared errors of the fit from which it is asked whether noise can be why
 POOL = 32, 0.2
-"""Candidates that a pool takes from each of two rankings, and the fraction of all where that is more."""
+"""Candidates that a pool takes from each of two rankings, and the fraction of all where that is more; of candidates up
+to a lower degree half of the first, for the pilot search a quarter of either."""
 LARGEST_POOL = 0.6  # of the candidates; the products cost the square of it
 SPARSE, PARTS, SHORTEST_PART = 16, 4, 128
 """One sample in so many is in a part; parts of each manoeuvre; samples of the shortest part."""
@@ -122,7 +123,7 @@ def _search_pool(
     terms = [choices[r].result.selected for r in responses]
     count, pool = _pool_size(data), np.zeros(len(data.exponents), dtype=bool)
     found = _prewhitened(data, responses, noise, data.exponents, terms)
-    every = [_own_constants(of, plain[r]).only_with(kept) for r, of, kept in zip(responses, found, terms, strict=True)]
+    every = [_own_constants(of, plain[r]) for r, of in zip(responses, found, strict=True)]
     for r, products, kept in zip(responses, every, terms, strict=True):
         search = replace(plain[r], products=products)
         pool |= _nearest(search, kept, count)
@@ -130,9 +131,7 @@ def _search_pool(
             pool |= _nearest(replace(search, degree=degree), kept, POOL[0] // 2)
     if pool.sum() > LARGEST_POOL * pool.size:
         return []
-    searches = _search_only(data, plain, responses, noise, pool)
-    numbers = np.flatnonzero(pool)
-    return [replace(s, products=of.joined(s.products, numbers)) for s, of in zip(searches, every, strict=True)]
+    return _search_only(data, plain, responses, noise, pool, every)
 
 
 def _search_only(
@@ -141,13 +140,15 @@ def _search_only(
     responses: Sequence[int],
     noise: Sequence[Sequence[ARNoise]],
     pool: NDArray[np.bool_],
+    every: Sequence[CrossProducts] | None = None,
 ) -> list[Search]:
-    """Searches of a pool; the products of other candidates are zero."""
+    """Searches of a pool; the other candidates have the products of ``every``, or none."""
     numbers = np.flatnonzero(pool)
     found = _prewhitened(data, responses, noise, data.exponents[numbers])
+    others: Sequence[CrossProducts | None] = every or [None] * len(found)
     within = [
-        _own_constants(of, plain[r]).among(numbers, plain[r].products.scale)
-        for r, of in zip(responses, found, strict=True)
+        _own_constants(of, plain[r]).among(numbers, plain[r].products.scale, other)
+        for r, of, other in zip(responses, found, others, strict=True)
     ]
     return [replace(plain[r], products=of, pool=pool) for r, of in zip(responses, within, strict=True)]
 

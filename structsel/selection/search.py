@@ -66,7 +66,7 @@ class Search:
         Terms that are given instead of searched.
     pool : (p,) bool array, optional
         Candidates that are searched, of all on whose number thresholds depend: those whose products with one another
-        are known. The products of the others with one another may be zero.
+        are known. The products of the others with one another may be anything.
     n_candidates : int, optional
         On which thresholds depend; by default all of the products.
     """
@@ -309,7 +309,7 @@ def _scores(criterion: str, models: Sequence[Model], problem: SearchProblem, fol
 
 def model_products(products: CrossProducts, kept: Sequence[int], weights: Array | None = None) -> Array:
     """Products of the constant, the kept terms and the response, (2 + k, 2 + k)."""
-    return products.part([0, *(j + 1 for j in kept), products.scale.size - 1], weights)
+    return products.part(columns_of(products.scale.size, kept), weights)
 
 
 def solve(product: Array, kept: Sequence[int] | None = None) -> Array:
@@ -321,7 +321,7 @@ def solve(product: Array, kept: Sequence[int] | None = None) -> Array:
 def prediction_error(theta: Array, product: Array, kept: Sequence[int] | None = None) -> float:
     """Sum of squares of y - X theta over the samples behind ``product``, x the kept terms or all."""
     if kept is not None:
-        rows = [0, *(j + 1 for j in kept), product.shape[0] - 1]
+        rows = columns_of(len(product), kept)
         product = product[np.ix_(rows, rows)]
     v = np.append(-theta, 1.0)
     return float(max(v @ product @ v, 0.0))
