@@ -285,6 +285,13 @@ def test_recordings_of_two_seconds_are_asked_too(correct):
     assert detect(short, DiagnosisProblem.set_up(short, ())).probability < 0.05
 
 
+def test_nothing_exceeds_a_form_that_leaves_more_than_the_response(bent):
+    flights = [replace(f, fit_error={"CZ": 4.0}) for f in bent]
+    found = detect(flights, DiagnosisProblem.set_up(flights, ()))
+    assert found.remainder["CZ"] == -np.inf
+    assert found.probability < 0.05
+
+
 def test_a_plant_without_coefficients_is_not_asked():
     plant = SimpleNamespace(simulated={"level": np.zeros(100)}, channels={})
     assert detect([plant], None) is None

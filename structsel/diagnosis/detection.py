@@ -217,8 +217,10 @@ def _unknown_function(
 
     A prior that spreads over a hundred features has no evidence of a function that is one of them: of a moment that
     follows the square of the bank angle, 0.6 of the variance of Cm, -1 together and 163 alone. Alone, 13 correct
-    simulations (development seeds) have -2 at most.
+    simulations (development seeds) have -2 at most. None is larger than a form that leaves more than the response.
     """
+    if not np.any(form < _SIZES):
+        return -np.inf
     together = _remainder(rows, null, response, [x * rows.size[response] for x in F], form)
     each = [x * rows.size[response] for x in single]
     by_itself = rows.single(null, response, dict(enumerate(each)), _SIZES[form < _SIZES])
