@@ -11,6 +11,7 @@ from structsel.coefficients import compute_coefficients
 from structsel.comparison.driving import input_responses
 from structsel.comparison.locating.turbulence import turbulence_without_vanes
 from structsel.diagnosis.input_response import InputDrivenMotion
+from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.residuals import residuals
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import log_bayes, log_bayes_as_given, unconfirmed_log_bayes, with_unconfirmed_weight
@@ -114,6 +115,15 @@ def test_an_effect_that_explains_all_beyond_the_noise_counts_where_the_inputs_pr
     assert log_bayes(sure) == pytest.approx(
         sure.unconfirmed_weight * log_bayes(known) + (1.0 - sure.unconfirmed_weight) * 6.0
     )
+
+
+def test_weak_turbulence_is_found_unless_the_form_of_an_identified_simulation_may_follow_the_motion():
+    flights = tuple(blown(1.5)[0])
+    problem = DiagnosisProblem.set_up(flights, ())
+    assert turbulence_without_vanes(flights, residuals(problem), 70.0).probability > 0.5
+    identified = tuple(replace(f, fit_error={"CZ": 0.1}) for f in flights)
+    assert turbulence_without_vanes(identified, residuals(problem), 70.0) is None
+    assert turbulence_without_vanes(identified, residuals(problem), 700.0).probability > 0.5
 
 
 def test_calm_air_is_not_reported_as_turbulent():
