@@ -86,7 +86,7 @@ def prepare(n: int, degree: int, seed: int = 1) -> Work:
     powers = np.pad(case.exponents, ((0, 0), (0, SPLINES)))
     powers[-SPLINES:] = np.eye(powers.shape[1], dtype=int)[-SPLINES:]
     words = tuple(regressors.words_of(powers))
-    if polynomial_products.plan_polynomial_products(words, powers.shape[1]) is not None:
+    if polynomial_products.plan_polynomial_products(words, powers.shape[1], 1) is not None:
         raise RuntimeError("the generic pool is not generic: its products would be shared. Raise SPLINES.")
     return Work(
         white=ArrayData(base, responses[:1]),

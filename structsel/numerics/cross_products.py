@@ -310,8 +310,9 @@ def cross_products(
 
 def _products_of_block(words: tuple[Word, ...], scales: Scales, block: Sequence[Samples]) -> Array:
     """Upper triangle of Z'Z, from the distinct sums where that is faster."""
-    if plan_polynomial_products(words, scales[0].size) is not None:
-        polynomial = PolynomialProducts(words, scales)
+    plan = plan_polynomial_products(words, scales[0].size, scales[1].size)
+    if plan is not None:
+        polynomial = PolynomialProducts(plan, scales)
         return reduce(np.add, (polynomial.over(part.source, part.start, part.stop) for part in block))
     chunks = RegressorChunks(words, scales)
     products = RowProducts(chunks.q)

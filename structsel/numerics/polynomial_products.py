@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations_with_replacement
 from math import comb
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +32,7 @@ from structsel.numerics.regressors import (
     fill_rows,
     plan_monomials,
 )
-from structsel.numerics.tiles import TALL, WIDE, add_groups, round_up
+from structsel.numerics.tiles import TilePlan, add_groups, plan_tiles
 
 
 @dataclass(frozen=True)
@@ -43,36 +42,29 @@ class PolynomialPlan:
     Attributes
     ----------
     rows : MonomialPlan
-        All monomials of degree 1..d, grouped by first letter.
-    prefix : (n,) int array
-        Rows of the monomials of degree d, grouped by last letter.
-    groups : tuple of (n_prefix, start, stop)
-        For each first letter: prefixes ``[:n_prefix]`` against rows ``[start:stop]``.
-    gather : (p, p) int array
-        Index of each entry of X'X in the vector [sums of rows, group products].
-    member : (p,) int array
-        Row of each candidate.
+        All monomials of degree 1..d, grouped by first letter; the constant and the responses are above them.
+    tiles : TilePlan
+        Products of [1, responses] with one another, then for each first letter of [1, responses, prefixes] with rows.
+    gather : int array
+        Place of each entry of the upper triangle of Z'Z in the sums, row by row.
     """
 
     rows: MonomialPlan
-    prefix: NDArray[np.int32]
-    groups: tuple[tuple[int, int, int], ...]
-    gather: NDArray[np.int32]
-    member: NDArray[np.int32]
+    tiles: TilePlan
+    gather: NDArray[np.intp]
 
 
 @lru_cache(maxsize=8)
-def plan_polynomial_products(words: tuple[Word, ...], n_base: int) -> PolynomialPlan | None:
+def plan_polynomial_products(words: tuple[Word, ...], n_base: int, n_responses: int) -> PolynomialPlan | None:
     """Plan of the products through distinct sums, or None where plain matrix products are cheaper.
 
     Parameters
     ----------
     words : tuple of tuple of int
-    n_base : int
-        Number of base signals.
+    n_base, n_responses : int
+        Number of base signals and of responses.
     """
-    p = len(words)
-    degree = max(map(len, words), default=0)
+    p, degree = len(words), max(map(len, words), default=0)
     n_sums = comb(n_base + 2 * degree, n_base) - 1
     # A sum costs less than twice an entry of a blocked product; below that ratio the product is faster.
     if degree < 2 or len(set(words)) < p or 2 * n_sums > p * (p + 1) / 2:
@@ -81,77 +73,25 @@ def plan_polynomial_products(words: tuple[Word, ...], n_base: int) -> Polynomial
     every = [w for k in range(1, degree + 1) for w in combinations_with_replacement(letters, k)]
     suffixes = sorted(every, key=lambda w: (w[0], len(w), w))
     prefixes = sorted((w for w in every if len(w) == degree), key=lambda w: (w[-1], w))
-    position = {w: i for i, w in enumerate(suffixes)}
-    prefix = np.array([position[w] for w in prefixes], dtype=np.int32)
-    groups, offset = [], len(suffixes)
-    for letter in letters:
-        n_prefix = sum(w[-1] <= letter for w in prefixes)
-        rows = [i for i, w in enumerate(suffixes) if w[0] == letter]
-        start, stop = rows[0], rows[-1] + 1
-        for i in range(n_prefix):
-            for j in range(start, stop):
-                position[prefixes[i] + suffixes[j]] = offset + i * (stop - start) + j - start
-        groups.append((n_prefix, start, stop))
-        offset += n_prefix * (stop - start)
-    gather = np.empty((p, p), dtype=np.int32)
-    for i, left in enumerate(words):
-        for j in range(i + 1):
-            gather[i, j] = gather[j, i] = position[tuple(sorted(left + words[j]))]
-    member = np.array([position[w] for w in words], dtype=np.int32)
-    return PolynomialPlan(plan_monomials(tuple(suffixes)), prefix, tuple(groups), gather, member)
+    responses = [(n_base + r,) for r in range(n_responses)]  # further letters; the constant is the empty word
+    above: list[Word] = [(), *responses]
+    groups = [(above, above)] + [
+        ([*above, *(w for w in prefixes if w[-1] <= letter)], [w for w in suffixes if w[0] == letter])
+        for letter in letters
+    ]
+    row_of = {w: i for i, w in enumerate([*above, *suffixes])}
+    tiles = plan_tiles([([row_of[w] for w in left], [row_of[w] for w in right]) for left, right in groups])
+    place: dict[Word, int] = {}
+    for (left, right), table in zip(groups, tiles.places, strict=True):
+        place |= {_product(u, v): at for u, row in zip(left, table.tolist()) for v, at in zip(right, row)}
+    columns = combinations_with_replacement([(), *words, *responses], 2)
+    gather = np.array([place[_product(u, v)] for u, v in columns], dtype=np.intp)
+    return PolynomialPlan(plan_monomials(tuple(suffixes)), tiles, gather)
 
 
-@lru_cache(maxsize=8)
-def _triangle_of(words: tuple[Word, ...], n_base: int, m: int) -> NDArray[np.intp]:
-    """Index of each entry of the triangle of Z'Z in [1 and responses, these with rows, products of the groups]."""
-    plan = plan_polynomial_products(words, n_base)
-    assert plan is not None
-    p, rows, above = len(words), plan.rows.target.size, 1 + m
-    inner, outside = slice(1, 1 + p), [0, *range(1 + p, above + p)]
-    place = np.empty((above + p, above + p), dtype=np.intp)
-    place[np.ix_(outside, outside)] = np.arange(above**2).reshape(above, above)
-    begins = above**2 + np.arange(above) * rows
-    place[outside, inner] = begins[:, None] + plan.member
-    place[inner, outside] = place[outside, inner].T
-    # Sums of rows are the constant's products with them; the groups' products follow those of the last response.
-    place[inner, inner] = plan.gather + np.where(plan.gather < rows, begins[0], begins[-1])
-    return place[np.triu_indices(above + p)]
-
-
-class Groups(NamedTuple):
-    """Products of groups of rows in complete tiles.
-
-    Attributes
-    ----------
-    left : int array
-        Rows on the left.
-    sizes : tuple of (int, int)
-        Products of each group; those of [1, responses] with one another are the first.
-    tiles : (groups, 4) int array
-        See `structsel.numerics.tiles.add_groups`.
-    n_sums : int
-        Those that fill the last tiles included.
-    """
-
-    left: NDArray[np.int32]
-    sizes: tuple[tuple[int, int], ...]
-    tiles: NDArray[np.int64]
-    n_sums: int
-
-
-@lru_cache(maxsize=8)
-def _plan_groups(words: tuple[Word, ...], n_base: int, m: int) -> Groups:
-    """Groups of a plan with the constant and m responses above its rows."""
-    plan = plan_polynomial_products(words, n_base)
-    assert plan is not None
-    above = 1 + m
-    left = np.concatenate([np.arange(above), above + plan.prefix, np.zeros(TALL - 1)]).astype(np.int32)
-    sizes = ((above, above), *((above + n, stop - start) for n, start, stop in plan.groups))
-    # Rows of the next group, or of ones, fill the last tiles.
-    padded = [(round_up(tall, TALL), round_up(wide, WIDE)) for tall, wide in sizes]
-    ends = np.cumsum([0, *(tall * wide for tall, wide in padded)])
-    first = [0, *(above + start for _, start, _ in plan.groups)]
-    return Groups(left, sizes, np.column_stack([np.array(padded), first, ends[:-1]]), int(ends[-1]))
+def _product(u: Word, v: Word) -> Word:
+    """The product of two monomials."""
+    return tuple(sorted(u + v))
 
 
 @njit(cache=True, nogil=True)
@@ -163,7 +103,7 @@ def _add_samples(
     parent: NDArray[np.int32],
     factor: NDArray[np.int32],
     rows: NDArray[np.float64],
-    left: NDArray[np.int32],
+    sides: NDArray[np.int32],
     groups: NDArray[np.int64],
     sums: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
@@ -173,7 +113,7 @@ def _add_samples(
         c = min(CHUNK, base.shape[1] - first)
         rows[1:above, :c] = responses[:, first : first + c]
         fill_rows(base, first, c, weight, target, parent, factor, rows[above:])
-        add_groups(rows, left, groups, c, sums)
+        add_groups(rows, sides, groups, c, sums)
 
 
 class PolynomialProducts:
@@ -183,34 +123,22 @@ class PolynomialProducts:
 
     Parameters
     ----------
-    words : tuple of tuple of int
-        The candidates, for which there is a plan.
+    plan : PolynomialPlan
     scales : (s,) array, (m,) array
     """
 
-    def __init__(self, words: tuple[Word, ...], scales: Scales):
-        n_base, m = scales[0].size, scales[1].size
-        plan = plan_polynomial_products(words, n_base)
-        assert plan is not None
+    def __init__(self, plan: PolynomialPlan, scales: Scales):
         self.plan, self.weight, self.response_scale = plan, 1.0 / scales[0], scales[1][:, None]
-        self.gather, self.groups = _triangle_of(words, n_base, m), _plan_groups(words, n_base, m)
-        self.above = 1 + m
-        self.rows = np.empty((self.above + plan.rows.n_rows + WIDE - 1, CHUNK))
+        self.rows = np.empty((1 + scales[1].size + plan.rows.n_rows, CHUNK))
         self.rows[0] = 1.0
-        self.rows[self.above + plan.rows.n_rows :] = 1.0
 
     def over(self, source: DataSource, start: int, stop: int) -> Array:
         """Upper triangle of Z'Z of these samples, row by row."""
-        above, plan, groups = self.above, self.plan.rows, self.groups
-        monomials, sums = (plan.target, plan.parent, plan.factor), np.zeros(groups.n_sums)
+        plan, tiles = self.plan.rows, self.plan.tiles
+        monomials, sums = (plan.target, plan.parent, plan.factor), np.zeros(tiles.n_sums)
         for slab in range(start, stop, READ_AT_ONCE):
             end = min(slab + READ_AT_ONCE, stop)
             base = np.ascontiguousarray(source.base(slab, end), dtype=float)
             response = source.responses(slab, end) / self.response_scale
-            _add_samples(base, response, self.weight, *monomials, self.rows, groups.left, groups.tiles, sums)
-        own, *each = (
-            sums[at : at + tall * wide].reshape(tall, wide)[:n, :m]
-            for (tall, wide, _, at), (n, m) in zip(groups.tiles, groups.sizes, strict=True)
-        )
-        cross = np.concatenate([s[:above] for s in each], axis=1)
-        return np.concatenate([own.ravel(), cross.ravel(), *(s[above:].ravel() for s in each)]).take(self.gather)
+            _add_samples(base, response, self.weight, *monomials, self.rows, tiles.rows, tiles.groups, sums)
+        return sums.take(self.plan.gather)

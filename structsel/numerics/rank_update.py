@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.tiles import TALL, WIDE, add_groups, round_up
+from structsel.numerics.tiles import WIDE, TilePlan, add_groups, plan_tiles
 
 FEW_ROWS = 256  # up to which tiles are faster; BLAS may have wider registers
 _INT, _DOUBLE, _ARRAY = ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_double), ctypes.c_void_p
@@ -70,15 +70,15 @@ class RowProducts:
     """
 
     def __init__(self, q: int):
-        self.by_tiles = WIDE <= q <= FEW_ROWS
+        self.by_tiles = q <= FEW_ROWS
         if self.by_tiles:
-            self.left, self.strips, self.gather = _plan_strips(q)
-        self.sums = np.zeros(int(self.strips[-1, 0] * WIDE + self.strips[-1, -1]) if self.by_tiles else (q, q))
+            self.tiles, self.gather = _plan_strips(q)
+        self.sums = np.zeros(self.tiles.n_sums if self.by_tiles else (q, q))
 
     def add(self, rows: Array) -> None:
         """Add the products of these rows, (q, n) and contiguous."""
         if self.by_tiles:
-            add_groups(rows, self.left, self.strips, rows.shape[1], self.sums)
+            add_groups(rows, self.tiles.rows, self.tiles.groups, rows.shape[1], self.sums)
         else:
             add_products(rows, self.sums)
 
@@ -88,18 +88,14 @@ class RowProducts:
 
 
 @lru_cache(maxsize=8)
-def _plan_strips(q: int) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int64]]:
-    """Rows on the left, strips of columns as groups of `add_groups`, and the place of each entry of the triangle.
-
-    A strip has the rows up to its last column. The last one overlaps the one before if q is no multiple of its width.
-    """
-    first = np.minimum(np.arange(0, q, WIDE), q - WIDE)
-    tall = np.array([round_up(at + WIDE, TALL) for at in first.tolist()])
-    begins = np.cumsum(tall * WIDE) - tall * WIDE
-    left = np.append(np.arange(q), np.zeros(TALL - 1)).astype(np.int32)
-    strips = np.column_stack([tall, np.full(tall.size, WIDE), first, begins])
-    i, j = np.triu_indices(q)
-    return left, strips, begins[j // WIDE] + i * WIDE + j - first[j // WIDE]
+def _plan_strips(q: int) -> tuple[TilePlan, NDArray[np.intp]]:
+    """Strips of columns with the rows up to their last column, and the place of each entry of the triangle."""
+    columns = [range(at, min(at + WIDE, q)) for at in range(0, q, WIDE)]
+    tiles = plan_tiles([(range(strip.stop), strip) for strip in columns])
+    table = np.zeros((q, q), dtype=np.intp)
+    for strip, place in zip(columns, tiles.places, strict=True):
+        table[: strip.stop, strip.start : strip.stop] = place
+    return tiles, upper_triangle(table)
 
 
 @lru_cache(maxsize=8)
