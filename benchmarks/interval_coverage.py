@@ -30,8 +30,8 @@ from methods import (
 from numpy.typing import NDArray
 from timing import machine, one_blas_thread, publish, say, table
 
+from structsel.numerics.coloured_fit import streamed_coloured_covariance
 from structsel.numerics.least_squares import fit_terms
-from structsel.numerics.residuals import streamed_coloured_covariance
 from structsel.selection import SelectOptions, select_arrays
 
 METHODS = (CLASSICAL, WHITE_PSE, PREWHITENED, PREWHITENED_AUTO)

@@ -7,11 +7,11 @@ from numpy.testing import assert_allclose
 from statsmodels.stats.sandwich_covariance import S_hac_simple
 
 from structsel import Candidates, select
+from structsel.numerics.coloured_fit import streamed_coloured_covariance
 from structsel.numerics.cross_products import cross_products
 from structsel.numerics.least_squares import fit_terms
 from structsel.numerics.noise_models import autocorrelation, autocovariance, random_block_weights
 from structsel.numerics.regressors import ArrayData
-from structsel.numerics.residuals import streamed_coloured_covariance
 from structsel.numerics.score_covariance import (
     coloured_covariance,
     last_correlated_lag,

@@ -6,7 +6,9 @@ from numpy.testing import assert_allclose
 
 from structsel.errors import SelectionError
 from structsel.numerics.blocks import Samples
-from structsel.numerics.least_squares import fit_terms
+from structsel.numerics.coloured_fit import fit_of_products, streamed_coloured_covariance
+from structsel.numerics.cross_products import cross_products
+from structsel.numerics.least_squares import fit_each, fit_terms
 from structsel.numerics.noise_models import ARNoise
 from structsel.numerics.regressors import ArrayData, find_scales
 from structsel.numerics.residuals import Residuals, fit_residual_noise
@@ -109,3 +111,39 @@ def test_exactly_dependent_terms_and_too_few_samples_are_refused():
         fit_terms([ArrayData(np.ones((3, 3)), np.ones((1, 3)))], np.eye(3, dtype=int))
     with pytest.raises(SelectionError, match="zero in every sample"):
         fit_terms([ArrayData(np.zeros((1, 50)), np.ones((1, 50)))], np.eye(1, dtype=int))
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize("nearness", [1.0, 1e-3])
+def test_the_fit_from_cross_products_is_that_of_triangular_factors(own, nearness):
+    rng = np.random.default_rng(4)
+    flights = []
+    for k, n in enumerate((70_000, 900)):  # the first is correlated in two segments
+        base = rng.standard_normal((3, n)) + k
+        base[2] = base[0] + nearness * base[2]
+        y = 5.0 + 2.0 * k + np.array([1.0, -3.0, 2.0]) @ base + ar1(rng, n, 0.5)
+        flights.append(ArrayData(base * np.array([[0.05], [2.0], [300.0]]), y[None]))
+    exponents = monomial_exponents(3, 2)
+    shared = cross_products(flights, exponents, blocks=5)
+    kept = [2, 0, 1, 4]
+    terms, scales = exponents[kept], find_scales(flights)
+    found = fit_of_products(flights, exponents, shared.within_manoeuvres() if own else shared, shared, kept)
+    (expected,) = fit_each(flights, [terms], [None], [0], own_constants=[own], scales=scales)
+    assert found is not None
+    fit, covariance = found
+    errors = np.sqrt(np.diag(expected.covariance))
+    assert_allclose(fit.theta / errors, expected.theta / errors, rtol=0.0, atol=1e-9)
+    assert_allclose(fit.constants, expected.constants, rtol=1e-12)
+    assert_allclose(fit.rss, expected.rss, rtol=1e-13)
+    assert_allclose(fit.condition, expected.condition, rtol=1e-9)
+    assert_allclose(fit.unscaled_covariance, expected.unscaled_covariance, rtol=1e-8)
+    assert_allclose(covariance, streamed_coloured_covariance(flights, terms, expected), rtol=1e-8)
+
+
+def test_cross_products_of_near_copies_are_left_to_triangular_factors():
+    rng = np.random.default_rng(5)
+    base = rng.standard_normal((2, 4000))
+    flight = [ArrayData(np.vstack([base[0], base[0] + 1e-6 * base[1]]), rng.standard_normal((1, 4000)))]
+    products = cross_products(flight, np.eye(2, dtype=int))
+    assert fit_of_products(flight, np.eye(2, dtype=int), products, products, [0, 1]) is None
+    assert fit_of_products(flight, np.eye(2, dtype=int), products, products, [0]) is not None

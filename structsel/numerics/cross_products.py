@@ -132,9 +132,13 @@ class CrossProducts:
         """(B, q) products of every column with the constant, block by block."""
         return self.packed[:, : self.scale.size]
 
+    def sums_of_manoeuvres(self) -> Array:
+        """(K, q) products of every column with the constant, manoeuvre by manoeuvre."""
+        return np.array([self.sums[self.manoeuvre == k].sum(axis=0) for k in np.unique(self.manoeuvre)])
+
     def constants(self, theta: Array, columns: Sequence[int]) -> Array:
         """Mean of the response of each manoeuvre less that of ``theta`` (k,) times these columns, (K,); all scaled."""
-        totals = np.array([self.sums[self.manoeuvre == k].sum(axis=0) for k in np.unique(self.manoeuvre)])
+        totals = self.sums_of_manoeuvres()
         return (totals[:, -1] - totals[:, list(columns)] @ theta) / totals[:, 0]
 
     def within_manoeuvres(self, columns: Sequence[int] | None = None) -> CrossProducts:

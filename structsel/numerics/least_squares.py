@@ -19,6 +19,7 @@ from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, Progress, Samples, attach_data, count_samples, cut_blocks
 from structsel.numerics.noise_models import WHITE_NOISE, ARNoise, pooled_innovation_std, prewhiten
+from structsel.numerics.normal_equations import WELL_DETERMINED
 from structsel.numerics.regressors import (
     SLAB,
     DataSource,
@@ -160,7 +161,11 @@ def fit_each(
             by_block = stacked.reshape(len(cut), q, q)
             groups = [[b for b, block in enumerate(cut) if block[0].manoeuvre == k] for k in range(len(manoeuvres))]
             parts = [_factor(by_block[group].reshape(-1, q).T) for group in groups]
-            fits.append(solve_with_own_constants(parts, scale, n, np.array(lengths) / sum(lengths)))
+            # The first row of a manoeuvre's factor is the component along its constant, the others what this leaves.
+            means, squares = zip(*((R[0] / R[0, 0], R[0, 0] ** 2) for R in parts))
+            within = _factor(np.vstack([R[1:, 1:] for R in parts]).T)
+            weights = np.array(lengths) / sum(lengths)
+            fits.append(solve_with_own_constants(np.array(means), np.array(squares), within, scale, n, weights))
         else:
             fits.append(solve_factor(_factor(stacked.T), scale, n))
     return fits
@@ -237,29 +242,55 @@ def solve_factor(R: Array, scale: Array, n: int) -> LeastSquaresFit:
     return LeastSquaresFit(theta * back, covariance, rss, n, float(singular[0] / singular[-1]))
 
 
-def solve_with_own_constants(factors: Sequence[Array], scale: Array, n: int, weights: Array) -> LeastSquaresFit:
-    """Parameters with a constant of each manoeuvre, from the factors of its scaled [1, x, y].
+def factor_of_products(product: Array) -> Array | None:
+    """Triangular factor of [x, y] from their products; None where these do not determine the parameters well."""
+    root = np.sqrt(product.diagonal())
+    if not root.size > 1 or not root.min() > 0.0:
+        return None
+    unit = product / np.outer(root, root)
+    factor, failed = scipy.linalg.lapack.dpotrf(unit[:-1, :-1])
+    if failed or factor.diagonal().min() <= WELL_DETERMINED:
+        return None
+    along = scipy.linalg.solve_triangular(factor, unit[:-1, -1], trans="T")
+    R = np.zeros(product.shape)
+    R[:-1, :-1], R[:-1, -1], R[-1, -1] = factor, along, np.sqrt(max(1.0 - along @ along, 0.0))
+    return R * root
 
-    The first row of a manoeuvre's factor is the component along its constant, the others are what the constant leaves:
-    those of all manoeuvres stacked determine the slopes. The constant reported is the mean of the constants by
-    ``weights``; its covariance is that of the mean of these manoeuvres, without their scatter.
+
+def solve_with_own_constants(
+    means: Array, squares: Array, R: Array, scale: Array, n: int, weights: Array
+) -> LeastSquaresFit:
+    """Parameters with a constant of each manoeuvre, from scaled [1, x, y].
+
+    The constant reported is the mean of the constants by ``weights``; its covariance is that of the mean of these
+    manoeuvres, without their scatter.
+
+    Parameters
+    ----------
+    means : (K, 2 + k) array
+        Coefficients of [1, x, y] on the constant of each manoeuvre.
+    squares : (K,) array
+        Sum of squares of each constant column.
+    R : (1 + k, 1 + k) array
+        Triangular factor of what the constants leave of [x, y].
+    scale, n
+        Of [1, x, y], and the number of samples.
+    weights : (K,) array
 
     Raises
     ------
     SelectionError
         Where the terms are exactly dependent within the manoeuvres, or none is left.
     """
-    heads = np.array([R[0] / R[0, 0] for R in factors])
+    alone = float(weights**2 @ (1.0 / squares))
     if len(scale) == 2:
-        rss = float(sum(R[1, 1] ** 2 for R in factors)) * scale[-1] ** 2
-        constants = heads[:, -1] * scale[-1]
-        variance = sum((w / R[0, 0]) ** 2 for w, R in zip(weights, factors, strict=True))
-        return LeastSquaresFit(np.array([weights @ constants]), np.array([[variance]]), rss, n, 1.0, constants)
-    slopes = solve_factor(_factor(np.vstack([R[1:, 1:] for R in factors]).T), scale[1:], n)
-    constants = (heads[:, -1] - heads[:, 1:-1] @ (slopes.theta * scale[1:-1] / scale[-1])) * scale[-1]
-    means = weights @ heads[:, 1:-1] * scale[1:-1]
-    alone = sum((w / R[0, 0]) ** 2 for w, R in zip(weights, factors, strict=True))
-    covariance = with_mean_constant(slopes.unscaled_covariance, means, alone)
+        constants = means[:, -1] * scale[-1]
+        rss = float(R[0, 0] ** 2) * scale[-1] ** 2
+        return LeastSquaresFit(np.array([weights @ constants]), np.array([[alone]]), rss, n, 1.0, constants)
+    slopes = solve_factor(R, scale[1:], n)
+    constants = (means[:, -1] - means[:, 1:-1] @ (slopes.theta * scale[1:-1] / scale[-1])) * scale[-1]
+    mean = weights @ means[:, 1:-1] * scale[1:-1]
+    covariance = with_mean_constant(slopes.unscaled_covariance, mean, alone)
     theta = np.append(weights @ constants, slopes.theta)
     return LeastSquaresFit(theta, covariance, slopes.rss, n, slopes.condition, constants)
 

@@ -233,8 +233,9 @@ class RegressorChunks:
         They are contiguous, for which compiled loops are vectorised.
         """
         p = self.q - 1 - self.m
-        for slab in range(start, stop, READ_AT_ONCE):
-            end = min(slab + READ_AT_ONCE, stop)
+        at_once = max(READ_AT_ONCE, self.chunk)
+        for slab in range(start, stop, at_once):
+            end = min(slab + at_once, stop)
             base = np.ascontiguousarray(source.base(slab - self.reach, end), dtype=float)
             response = source.responses(slab - self.reach, end) / self.response_scale
             for a in range(slab, end, self.chunk):

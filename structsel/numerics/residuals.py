@@ -1,4 +1,4 @@
-"""Residuals of a least-squares fit over recordings: noise models, and the covariance for coloured residuals."""
+"""Residuals of a least-squares fit over recordings, and their noise models."""
 
 from __future__ import annotations
 
@@ -11,18 +11,9 @@ from numpy.typing import NDArray
 
 from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner, Progress, Samples, attach_data, complete_manoeuvres
-from structsel.numerics.least_squares import LeastSquaresFit, response_rows
+from structsel.numerics.least_squares import response_rows
 from structsel.numerics.noise_models import ARNoise, LagProducts, fit_ar_of_manoeuvres
-from structsel.numerics.regressors import (
-    SLAB,
-    DataSource,
-    RegressorChunks,
-    Scales,
-    column_scale,
-    find_scales,
-    words_of,
-)
-from structsel.numerics.score_covariance import score_covariance, split_for_correlation
+from structsel.numerics.regressors import DataSource, Scales, column_scale, find_scales
 
 SAMPLES_PER_ORDER = 12  # least number of samples of a manoeuvre for each order of its noise model
 
@@ -123,71 +114,3 @@ def _lags_of_block(residuals: Sequence[Residuals], max_order: int, block: Sequen
                 lags.add(chunk)
             row[: lags.products.size] = lags.products.ravel()
     return table.ravel()
-
-
-def streamed_coloured_covariance(
-    manoeuvres: Sequence[DataSource],
-    exponents: NDArray[np.integer],
-    fit: LeastSquaresFit,
-    response: int = 0,
-    *,
-    scales: Scales | None = None,
-    runner: JobRunner | None = None,
-    workers: int = 1,
-) -> Array:
-    """Covariance of an ordinary least-squares fit whose residuals are coloured.
-
-    The formula and the lag window of `structsel.numerics.score_covariance.coloured_covariance`, without forming X.
-
-    Parameters
-    ----------
-    fit : LeastSquaresFit
-        The fit of these terms to this response with white noise.
-    scales, runner, workers
-        As for `cross_products`.
-
-    Returns
-    -------
-    (1 + k, 1 + k) array
-
-    References
-    ----------
-    [KM16], ch. 5, parameter covariance with coloured residuals.
-    """
-    scales = scales or find_scales(manoeuvres)
-    blocks = attach_data(complete_manoeuvres([m.n for m in manoeuvres]), manoeuvres)
-    k = fit.theta.size
-    function = partial(_scatter_of_block, exponents, fit.theta, response, scales, fit.constants.size > 0)
-    sizes = [k * k] * len(blocks)
-    meat = (runner or JobRunner()).run_pass(function, blocks, sizes, workers).reshape(-1, k, k).sum(axis=0)
-    scale = column_scale(exponents, scales)
-    meat = 0.5 * (meat + meat.T) * np.outer(scale[:k], scale[:k]) * scale[k + response] ** 2
-    bread = fit.unscaled_covariance
-    return bread @ meat @ bread * (fit.n / max(fit.dof, 1))
-
-
-def _scatter_of_block(
-    exponents: NDArray[np.integer],
-    theta: Array,
-    response: int,
-    scales: Scales,
-    own_constants: bool,
-    block: Sequence[Samples],
-) -> Array:
-    """Sum of x(i) R(i - j) x(j)' over a block, in scaled units; rows about their means with constants of their own."""
-    k = theta.size
-    chunks = RegressorChunks(words_of(exponents), scales, chunk=SLAB)
-    scale = column_scale(exponents, scales)
-    weights = theta * scale[:k] / scale[k + response]
-    meat = np.zeros((k, k))
-    for part in block:
-        for a, b in split_for_correlation(part.stop - part.start):
-            rows, stop = np.empty((chunks.q, b - a)), 0
-            for slab in chunks.over(part.source, part.start + a, part.start + b):
-                start, stop = stop, stop + slab.shape[1]
-                rows[:, start:stop] = slab
-            if own_constants:
-                rows -= rows.mean(axis=1, keepdims=True)
-            residual = rows[k + response] - weights @ rows[:k]
-            meat += score_covariance(rows[:k, :, None], residual[:, None])
-    return meat.ravel()

@@ -7,18 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from structsel.numerics.arrays import Array
 from structsel.numerics.blocks import JobRunner
 from structsel.numerics.collinearity import condition_indices, vif
+from structsel.numerics.coloured_fit import fit_of_products, streamed_coloured_covariance
 from structsel.numerics.cross_products import CrossProducts, cross_products
 from structsel.numerics.hierarchy import Hierarchy, find_parents
 from structsel.numerics.least_squares import LeastSquaresFit, fit_each
 from structsel.numerics.normal_equations import project
 from structsel.numerics.regressors import DataSource, Scales, find_scales
-from structsel.numerics.residuals import streamed_coloured_covariance
 from structsel.selection.aliases import find_aliases, find_dependent
 from structsel.selection.array_selection import ArraySelection
 from structsel.selection.biased import estimate_biased
@@ -115,14 +117,39 @@ def select_arrays(
     chosen = use_past(data, [_simplest(choice) for choice in chosen], [s.products for s in shared])
     fits = _fits(data, chosen, [s.products for s in shared])
     return [
-        _describe(r, data, searches[r].products, shared[r].products, white_noise[r], chosen[r], fits[r])
+        _describe(data, searches[r].products, shared[r].products, white_noise[r], chosen[r], *fits[r])
         for r in range(plain.n_responses)
     ]
 
 
-def _fits(data: EngineData, chosen: Sequence[Choice], shared: Sequence[CrossProducts]) -> list[LeastSquaresFit]:
-    """The fit of the terms chosen for each response, on the rows as sampled or on what the past predicts."""
-    sampled = [r for r, choice in enumerate(chosen) if choice.past is None]
+def _fits(
+    data: EngineData, chosen: Sequence[Choice], shared: Sequence[CrossProducts]
+) -> list[tuple[LeastSquaresFit, Array]]:
+    """Fit and covariance of the terms chosen for each response, on the rows as sampled or on what the past predicts."""
+    passes: dict[str, Any] = {"workers": data.workers, **data.given}
+    terms = [choice.result.selected for choice in chosen]
+    found: dict[int, tuple[LeastSquaresFit, Array]] = {}
+    for r, choice in enumerate(chosen):
+        if not choice.noise and choice.past is None:
+            known = choice.search.products, shared[r], terms[r]
+            fit = fit_of_products(data.manoeuvres, data.exponents, *known, r, progress=data.stage("fit"), **passes)
+            found |= {} if fit is None else {r: fit}
+    fits = _streamed_fits(data, chosen, [r for r in range(len(chosen)) if r not in found and chosen[r].past is None])
+    weights = np.array([m.n for m in data.manoeuvres]) / sum(m.n for m in data.manoeuvres)
+    for r, choice in enumerate(chosen):
+        if choice.past is not None:
+            fits[r] = choice.past.fit(constants_of_past(choice, shared[r]), weights)
+    for r, one in fits.items():
+        if chosen[r].noise:
+            found[r] = one, one.covariance
+        else:
+            exponents = data.exponents[list(terms[r])]
+            found[r] = one, streamed_coloured_covariance(data.manoeuvres, exponents, one, r, **passes)
+    return [found[r] for r in range(len(chosen))]
+
+
+def _streamed_fits(data: EngineData, chosen: Sequence[Choice], sampled: Sequence[int]) -> dict[int, LeastSquaresFit]:
+    """The fit of these responses by triangular factors, in one pass."""
     found = (
         fit_each(
             data.manoeuvres,
@@ -137,12 +164,7 @@ def _fits(data: EngineData, chosen: Sequence[Choice], shared: Sequence[CrossProd
         if sampled
         else []
     )
-    fits = dict(zip(sampled, found, strict=True))
-    weights = np.array([m.n for m in data.manoeuvres]) / sum(m.n for m in data.manoeuvres)
-    for r, choice in enumerate(chosen):
-        if choice.past is not None:
-            fits[r] = choice.past.fit(constants_of_past(choice, shared[r]), weights)
-    return [fits[r] for r in range(len(chosen))]
+    return dict(zip(sampled, found, strict=True))
 
 
 def _hierarchy(exponents: NDArray[np.integer], options: SelectOptions, include: Sequence[int]) -> Hierarchy | None:
@@ -165,13 +187,13 @@ def _simplest(choice: Choice) -> Choice:
 
 
 def _describe(
-    response: int,
     data: EngineData,
     plain: CrossProducts,
     shared: CrossProducts,
     white_noise: SearchResult,
     choice: Choice,
     fit: LeastSquaresFit,
+    covariance: Array,
 ) -> ArraySelection:
     """Values, errors, and how far the terms selected can be trusted.
 
@@ -183,12 +205,6 @@ def _describe(
     kept = list(result.selected)
     rows = [0, *(j + 1 for j in kept)]
     values, label = fit.theta, ""
-    if choice.noise:
-        covariance = fit.covariance
-    else:
-        covariance = streamed_coloured_covariance(
-            data.manoeuvres, data.exponents[kept], fit, response, workers=data.workers, **data.given
-        )
     total, scale = plain.total(), plain.scale
     if options.estimate != "least_squares" and kept:
         weights = [weights_without(products, fold) for fold in search.folds]
