@@ -32,7 +32,7 @@ from structsel.numerics.regressors import (
     fill_rows,
     plan_monomials,
 )
-from structsel.numerics.tiles import TilePlan, add_groups, plan_tiles
+from structsel.numerics.tiles import TilePlan, add_parts, plan_tiles
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def _add_samples(
     factor: NDArray[np.int32],
     rows: NDArray[np.float64],
     sides: NDArray[np.int32],
-    groups: NDArray[np.int64],
+    parts: NDArray[np.int64],
     sums: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
     """Add the products of rows [1, responses, monomials] of all samples to ``sums``, chunk by chunk."""
@@ -113,7 +113,7 @@ def _add_samples(
         c = min(CHUNK, base.shape[1] - first)
         rows[1:above, :c] = responses[:, first : first + c]
         fill_rows(base, first, c, weight, target, parent, factor, rows[above:])
-        add_groups(rows, sides, groups, c, sums)
+        add_parts(rows, sides, parts, c, sums)
 
 
 class PolynomialProducts:
@@ -140,5 +140,5 @@ class PolynomialProducts:
             end = min(slab + READ_AT_ONCE, stop)
             base = np.ascontiguousarray(source.base(slab, end), dtype=float)
             response = source.responses(slab, end) / self.response_scale
-            _add_samples(base, response, self.weight, *monomials, self.rows, tiles.rows, tiles.groups, sums)
+            _add_samples(base, response, self.weight, *monomials, self.rows, tiles.rows, tiles.parts, sums)
         return sums.take(self.plan.gather)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from structsel.errors import SelectionError
 from structsel.numerics.arrays import Array
-from structsel.numerics.tiles import WIDE, TilePlan, add_groups, plan_tiles
+from structsel.numerics.tiles import WIDE, TilePlan, add_parts, plan_tiles
 
 FEW_ROWS = 256  # up to which tiles are faster; BLAS may have wider registers
 _INT, _DOUBLE, _ARRAY = ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_double), ctypes.c_void_p
@@ -78,7 +78,7 @@ class RowProducts:
     def add(self, rows: Array) -> None:
         """Add the products of these rows, (q, n) and contiguous."""
         if self.by_tiles:
-            add_groups(rows, self.tiles.rows, self.tiles.groups, rows.shape[1], self.sums)
+            add_parts(rows, self.tiles.rows, self.tiles.parts, rows.shape[1], self.sums)
         else:
             add_products(rows, self.sums)
 

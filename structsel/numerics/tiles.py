@@ -22,9 +22,9 @@ class TilePlan(NamedTuple):
     Attributes
     ----------
     rows : int array
-        Rows on the left and rows on the right of every group.
-    groups : (g, 5) int array
-        Of each group: rows on the left and on the right, where they begin in ``rows``, and where its sums begin.
+        Rows on the left and rows on the right of every part of a group.
+    parts : (n, 5) int array
+        Of each part: rows on the left and on the right, where they begin in ``rows``, and where its sums begin.
     places : list of (left, right) int array
         Place of each product of each group in the sums.
     n_sums : int
@@ -32,7 +32,7 @@ class TilePlan(NamedTuple):
     """
 
     rows: NDArray[np.int32]
-    groups: NDArray[np.int64]
+    parts: NDArray[np.int64]
     places: list[NDArray[np.intp]]
     n_sums: int
 
@@ -40,25 +40,34 @@ class TilePlan(NamedTuple):
 def plan_tiles(groups: Sequence[tuple[Sequence[int], Sequence[int]]]) -> TilePlan:
     """Plan of the products of rows on the left with rows on the right, group by group.
 
-    A group is turned where fewer products then fill its last tiles.
+    A group is divided in two parts, the second with its sides exchanged, so that few products fill the last tiles.
     """
     rows: list[int] = []
-    table, places, n_sums = [], [], 0
-    for sides in groups:
-        turned = np.prod(_sums_of(*sides)) > np.prod(_sums_of(*sides[::-1]))
-        left, right = sides[::-1] if turned else sides
-        tall, wide = _sums_of(left, right)
-        table.append((tall, wide, len(rows), len(rows) + tall, n_sums))
-        rows += [*left, *[0] * (tall - len(left)), *right, *[0] * (wide - len(right))]
-        place = n_sums + np.arange(tall * wide).reshape(tall, wide)[: len(left), : len(right)]
-        places.append(place.T if turned else place)
-        n_sums += tall * wide
-    return TilePlan(np.array(rows, dtype=np.int32), np.array(table), places, n_sums)
+    parts, places, n_sums = [], [], 0
+    for left, right in groups:
+        place = np.empty((len(left), len(right)), dtype=np.intp)
+        i, j = _divide(*place.shape)
+        rest = (slice(i, None), slice(None)) if i < len(left) else (slice(None), slice(j, None))
+        for (down, across), turned in (((slice(i), slice(j)), False), (rest, True)):
+            one, other = (right[across], left[down]) if turned else (left[down], right[across])
+            tall, wide = round_up(len(one), TALL), round_up(len(other), WIDE)
+            parts.append((tall, wide, len(rows), len(rows) + tall, n_sums))
+            rows += [*one, *[0] * (tall - len(one)), *other, *[0] * (wide - len(other))]
+            sums = n_sums + np.arange(tall * wide).reshape(tall, wide)[: len(one), : len(other)]
+            place[down, across] = sums.T if turned else sums
+            n_sums += tall * wide
+        places.append(place)
+    return TilePlan(np.array(rows, dtype=np.int32), np.array(parts), places, n_sums)
 
 
-def _sums_of(left: Sequence[int], right: Sequence[int]) -> tuple[int, int]:
-    """Sums of the complete tiles of a group, down and across."""
-    return round_up(len(left), TALL), round_up(len(right), WIDE)
+def _divide(h: int, w: int) -> tuple[int, int]:
+    """Rows and columns (i, j) of the first part of an (h, w) group; the second has the other rows or columns."""
+
+    def sums(i: int, j: int) -> int:
+        turned = (h - i, w) if i < h else (h, w - j)
+        return round_up(i, TALL) * round_up(j, WIDE) + round_up(turned[0], WIDE) * round_up(turned[1], TALL)
+
+    return min([(h, j) for j in range(w, -1, -1)] + [(i, w) for i in range(h)], key=lambda part: sums(*part))
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
@@ -99,11 +108,11 @@ def add_tiles(
 
 
 @njit(cache=True, nogil=True)
-def add_groups(
-    rows: NDArray[np.float64], sides: NDArray[np.int32], groups: NDArray[np.int64], c: int, out: NDArray[np.float64]
+def add_parts(
+    rows: NDArray[np.float64], sides: NDArray[np.int32], parts: NDArray[np.int64], c: int, out: NDArray[np.float64]
 ) -> None:  # pragma: no cover - compiled
-    """Add the products of each group of a `TilePlan`, whose ``rows`` are ``sides`` here, to the sums ``out``."""
-    for tall, wide, left, right, at in groups:
+    """Add the products of the parts of a `TilePlan`, whose ``rows`` are ``sides`` here, to the sums ``out``."""
+    for tall, wide, left, right, at in parts:
         sums = out[at : at + tall * wide].reshape((tall, wide))
         add_tiles(rows, sides[left : left + tall], sides[right : right + wide], c, sums)
 
