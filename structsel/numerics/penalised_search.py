@@ -18,6 +18,7 @@ from structsel.numerics.search_model import (
     MOVE_LIMIT,
     NONE,
     OPTIMUM,
+    ROUNDING,
     estimates,
     initial_model,
     record_entry,
@@ -50,7 +51,7 @@ def _columns_outside(model, k, pairs, S):
             q += 1
     index[q] = p
     index = index[: q + 1]
-    packed, V = np.empty((k, q + 1)), np.zeros((k, q + 1))
+    packed, V = np.zeros((-(-k // 4) * 4, q + 1)), np.zeros((k, q + 1))
     for i in range(k):
         for a in range(q + 1):
             packed[i, a] = W[i, index[a]]
@@ -66,11 +67,7 @@ def _columns_outside(model, k, pairs, S):
             unit, sizes = size[a], size[a + 1 : q]
             for c in range(row.size):
                 row[c] = products[places[c]] * unit * sizes[c]
-            for i in range(k % 4):
-                f, other = packed[i, a], packed[i, a + 1 : q]
-                for c in range(row.size):
-                    row[c] -= f * other[c]
-            for i in range(k % 4, k, 4):  # four at once, so that the row is read and written less often
+            for i in range(0, k, 4):  # four at once, so that the row is read and written less often
                 f0, f1, f2, f3 = packed[i : i + 4, a]
                 w0, w1, w2, w3 = packed[i], packed[i + 1], packed[i + 2], packed[i + 3]
                 w0, w1, w2, w3 = w0[a + 1 : q], w1[a + 1 : q], w2[a + 1 : q], w3[a + 1 : q]
@@ -126,8 +123,26 @@ def _best_single(D, B, tol, needed):
 
 
 @njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
-def _best_pair(S, D, B, c1, c2, tol, needed):
-    """Pair of candidates with the largest reduction of 1 - R^2 above `needed`, or -1.
+def _mark_pairs(outside, rss, needed, marked):
+    """Mark each candidate that, with a later one, may reduce 1 - R^2 by more than `needed` if no term leaves.
+
+    Of the reduction less `needed`, times the determinant, the error is that of an entry times 2 B.
+    """
+    S, D, B = outside.S, outside.d, outside.b
+    q, margin = D.size, -8.0 * ROUNDING * np.sqrt(rss)
+    for i in range(q):
+        D_i, B_i = D[i], B[i]
+        row, D_j, B_j = S[i, i + 1 : q], D[i + 1 :], B[i + 1 :]
+        count, rest = 0, B_i * B_i - needed * D_i
+        for j in range(row.size):
+            s = row[j]
+            count += rest * D_j[j] + D_i * B_j[j] * B_j[j] + s * (needed * s - 2.0 * B_i * B_j[j]) > margin
+        marked[i] = count > 0
+
+
+@njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract"})
+def _best_pair(S, D, B, c1, c2, tol, needed, marked):
+    """Pair, the first of it marked, with the largest reduction of 1 - R^2 above `needed`, or -1.
 
     With s = S_ij + c1_i c1_j + c2_i c2_j the reduction is::
 
@@ -137,7 +152,7 @@ def _best_pair(S, D, B, c1, c2, tol, needed):
     best, one, other = needed, -1, -1
     for i in range(q - 1):
         D_i, B_i, f1, f2 = D[i], B[i], c1[i], c2[i]
-        if D_i <= tol:
+        if D_i <= tol or not marked[i]:
             continue
         # Usually there is no such pair, which a loop without branches and divisions detects fastest: the reduction less
         # the best, times the determinant. Its views begin at zero, because the compiler vectorises only if no index can
@@ -173,6 +188,12 @@ def _best_move(model, k, dof, penalty, floor, max_terms, tol, level, S):
     c0, c1, c2 = np.zeros(q + 1), np.zeros(q + 1), np.zeros(q + 1)
     best = dof * np.log(max(model.d[-1], floor)) + penalty * k - MARGIN * dof
     move = np.full(4, NONE)
+    # With a term left out a pair leaves no less unexplained than with it: after one exit only those pairs can lower the
+    # criterion that, without any, reduce 1 - R^2 by the price of one term. After two exits every pair can.
+    marked, every = np.ones(q, np.bool_), np.ones(q, np.bool_)
+    if n_max > 1:
+        price = model.d[-1] - np.exp((best - penalty * (k + 1)) / dof)
+        _mark_pairs(outside, model.d[-1], price, marked)
     for out1 in range(-1, k):
         if out1 >= 0 and model.forced[model.chosen[out1]]:
             continue
@@ -197,7 +218,8 @@ def _best_move(model, k, dof, penalty, floor, max_terms, tol, level, S):
                 if n_in == 1:
                     gain, one = _best_single(D, B, tol, base - bound)
                 elif n_in == 2:
-                    gain, one, other = _best_pair(outside.S, D, B, c1, c2, tol, base - bound)
+                    which = marked if n_out < 2 else every
+                    gain, one, other = _best_pair(outside.S, D, B, c1, c2, tol, base - bound, which)
                 if n_in > 0 and one < 0:
                     continue
                 value = dof * np.log(max(base - gain, floor)) + penalty * left
