@@ -176,8 +176,8 @@ def check_products(C: ArrayLike, dof: float, who: str) -> Array:
             f"{who} needs square cross-products of at least one candidate and the response; found shape "
             f"{C.shape}. Pass the centred Z'Z of [candidates, response]."
         )
-    # One sum detects every NaN and infinity; their place is needed for the message only.
-    if not np.isfinite(C.sum()) and not np.isfinite(C).all():
+    # One sum of squares detects every NaN and infinity; their place is needed for the message only.
+    if not np.isfinite(np.vdot(C, C)) and not np.isfinite(C).all():
         # One NaN makes all products of its column NaN; the diagonal shows which column it is.
         wrong = ~np.isfinite(np.diag(C))
         bad = int(np.argmax(wrong if wrong.any() else ~np.isfinite(C).all(axis=0)))

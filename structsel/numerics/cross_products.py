@@ -162,7 +162,7 @@ class CrossProducts:
                 f"a constant of each manoeuvre needs blocks of one manoeuvre each; {self.last.max() + 1} manoeuvres "
                 f"share {self.n_blocks} blocks.\nUse constants='shared', or select from fewer recordings."
             )
-        packed = self.packed.copy()
+        packed = np.empty_like(self.packed)
         for k in np.unique(self.manoeuvre):
             blocks = np.flatnonzero(self.manoeuvre == k)
             total = self.sums[blocks].sum(axis=0)
@@ -171,7 +171,7 @@ class CrossProducts:
             if columns is not None:
                 m[np.setdiff1d(np.arange(m.size), columns)] = 0.0
             for b in blocks:
-                remove_constant(packed[b], self.sums[b], m)
+                remove_constant(self.packed[b], self.sums[b], m, packed[b])
         diagonal = diagonal_places(self.scale.size)
         still = packed[:, diagonal].sum(axis=0) <= CONSTANT * self.packed[:, diagonal].sum(axis=0)
         packed[:, np.unique(_places(self.scale.size)[still])] = 0.0
@@ -229,14 +229,15 @@ def _places(q: int) -> NDArray[np.intp]:
 
 
 @njit(cache=True, nogil=True)
-def remove_constant(packed: Array, sums: Array, m: Array) -> None:  # pragma: no cover - compiled
-    """Products of one block after regression on a constant with coefficients m, in place; ``sums`` are its row 0."""
+def remove_constant(packed: Array, sums: Array, m: Array, out: Array) -> None:  # pragma: no cover - compiled
+    """Products of one block after regression on a constant with coefficients m; ``sums`` are its row 0."""
     at = 0
     for i in range(m.size):
-        rest = sums[i] - m[i] * sums[0]
-        for j in range(i, m.size):
-            packed[at] -= m[i] * sums[j] + rest * m[j]
-            at += 1
+        rest, here, others = sums[i] - m[i] * sums[0], sums[i:], m[i:]
+        values, row = packed[at : at + here.size], out[at : at + here.size]
+        for j in range(row.size):
+            row[j] = values[j] - m[i] * here[j] - rest * others[j]
+        at += row.size
 
 
 def places(q: int, columns: Sequence[int] | NDArray[np.integer]) -> NDArray[np.intp]:
