@@ -99,9 +99,12 @@ class CrossProducts:
 
     def part(self, columns: Sequence[int], weights: Array | None = None) -> Array:
         """The same for some of the columns, without forming the products of the others."""
-        blocks = self.parts(columns)
-        part: Array = blocks.sum(axis=0) if weights is None else np.tensordot(weights, blocks, 1)
-        return part
+        if weights is None:
+            total: Array = self.parts(columns).sum(axis=0)
+            return total
+        used = np.flatnonzero(weights)
+        blocks = self.parts(columns, used)
+        return (weights[used] @ blocks.reshape(used.size, -1)).reshape(blocks.shape[1:])
 
     def parts(self, columns: Sequence[int], blocks: NDArray[np.integer] | None = None) -> Array:
         """(B, c, c) products of some of the columns in each block, or in some of the blocks."""

@@ -109,7 +109,8 @@ def _of_term(
     if freedom < 1:
         return 0.0, 1.0, deviation, standardised
     added = variance_between(deviation[usable], c * s2 / q[usable]) * float(q[usable] @ q[usable]) / weight**2
-    return added, float(scipy.stats.chi2.sf(Q, freedom)), deviation, standardised
+    # The upper tail of chi-square; scipy.stats takes twenty times as long to check its arguments.
+    return added, float(scipy.special.chdtrc(freedom, Q)), deviation, standardised
 
 
 def variance_between(values: Array, variances: Array) -> float:
@@ -117,7 +118,7 @@ def variance_between(values: Array, variances: Array) -> float:
 
     def excess(tau2: float) -> float:
         w = 1.0 / (variances + tau2)
-        return float(w @ (values - np.average(values, weights=w)) ** 2) - (values.size - 1)
+        return float(w @ (values - w @ values / w.sum()) ** 2) - (values.size - 1)
 
     if excess(0.0) <= 0.0:
         return 0.0

@@ -108,8 +108,7 @@ class Search:
         if self.fixed is None:
             return tuple((w, r.selected, r.theta) for w, r in zip(weights, self.repeat(np.array(weights)), strict=True))
         blocks, found = self.products.parts(columns_of(self.products.scale.size, self.fixed)), []
-        for w in weights:
-            part = np.tensordot(w, blocks, 1)
+        for w, part in zip(weights, np.tensordot(np.array(weights), blocks, 1), strict=True):
             columns = _independent(centred(part), self.fixed)
             found.append((w, tuple(self.fixed[i] for i in columns), solve(part, columns)))
         return tuple(found)
