@@ -17,6 +17,21 @@ REORDERED: dict[str, Any] = {**UNCOUNTED, "fastmath": {"reassoc", "contract", "n
 """The same for sums of products whose order does not matter: the processor may add several at once."""
 
 
+LARGE_PAGE = 1 << 21  # bytes
+ASKED_FROM = 1 << 22  # bytes of an array from which numpy asks for large pages
+
+
+def on_large_pages(rows: int, columns: int) -> Array:
+    """Return a matrix, not initialised, that begins on a large page of memory where the system has them.
+
+    On small pages it depends on chance how many rows share places in the cache.
+    """
+    size = rows * columns * np.dtype(float).itemsize
+    memory = np.empty(max(size, ASKED_FROM) + LARGE_PAGE, dtype=np.uint8)
+    start = -memory.ctypes.data % LARGE_PAGE
+    return memory[start : start + size].view(float).reshape(rows, columns)
+
+
 def read_only(array: Array) -> Array:
     """Return a contiguous array that cannot be written to."""
     array = np.ascontiguousarray(array)

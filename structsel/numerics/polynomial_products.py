@@ -12,6 +12,7 @@ as long as the tiles of `structsel.numerics.tiles` (164 candidates, 200,000 samp
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations_with_replacement
@@ -20,7 +21,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from structsel.numerics.arrays import Array
+from structsel.numerics.arrays import Array, on_large_pages
 from structsel.numerics.compiling import njit
 from structsel.numerics.regressors import (
     CHUNK,
@@ -116,8 +117,23 @@ def _add_samples(
         add_parts(rows, sides, parts, c, sums)
 
 
+class _Workspace(threading.local):
+    """Rows that a thread fills for one block after another."""
+
+    rows = np.empty((0, CHUNK))
+
+    def of(self, n_rows: int) -> Array:
+        """The first rows."""
+        if len(self.rows) < n_rows:
+            self.rows = on_large_pages(n_rows, CHUNK)
+        return self.rows[:n_rows]
+
+
+_WORKSPACE = _Workspace()
+
+
 class PolynomialProducts:
-    """Upper triangle of Z'Z of any range of a manoeuvre, from the distinct sums; owns its workspace.
+    """Upper triangle of Z'Z of any range of a manoeuvre, from the distinct sums.
 
     The constant and the responses are the rows above the monomials; the same products have their sums.
 
@@ -129,7 +145,7 @@ class PolynomialProducts:
 
     def __init__(self, plan: PolynomialPlan, scales: Scales):
         self.plan, self.weight, self.response_scale = plan, 1.0 / scales[0], scales[1][:, None]
-        self.rows = np.empty((1 + scales[1].size + plan.rows.n_rows, CHUNK))
+        self.rows = _WORKSPACE.of(1 + scales[1].size + plan.rows.n_rows)
         self.rows[0] = 1.0
 
     def over(self, source: DataSource, start: int, stop: int) -> Array:
