@@ -115,9 +115,10 @@ class MonomialPlan:
     Attributes
     ----------
     target, parent, factor : (m,) int array
-        Row ``target[i]`` is row ``parent[i]`` (or one, where -1) times base signal ``factor[i]``, in this order.
+        Row ``target[i]`` is row ``parent[i]`` times row ``factor[i]`` or, where the parent is -1, base signal
+        ``factor[i]``, in this order.
     n_rows : int
-        Rows of the workspace; those after the monomials are parents that are not candidates.
+        Rows of the workspace; those after the monomials are factors that are not candidates.
     """
 
     target: NDArray[np.int32]
@@ -146,7 +147,7 @@ def words_of(exponents: NDArray[np.integer]) -> tuple[Word, ...]:
 
 @lru_cache(maxsize=32)
 def plan_monomials(words: tuple[Word, ...]) -> MonomialPlan:
-    """Plan with one multiplication for each monomial, parents first.
+    """Plan with one multiplication for each monomial, its factors first.
 
     Parameters
     ----------
@@ -157,17 +158,18 @@ def plan_monomials(words: tuple[Word, ...]) -> MonomialPlan:
     n_rows = len(words)
     pending = sorted(set(words), key=len, reverse=True)
     seen = set(pending)
-    while pending:  # add the parents that are not candidates themselves
+    while pending:  # add the factors that are not candidates themselves
         word = pending.pop()
-        if len(word) > 1 and word[:-1] not in seen:
-            seen.add(word[:-1])
-            pending.append(word[:-1])
-            row_of[word[:-1]] = n_rows
-            n_rows += 1
-    order = sorted(seen, key=lambda w: (len(w), w))
-    steps = [(row_of[w], row_of[w[:-1]] if len(w) > 1 else -1, w[-1]) for w in order]
+        for part in (word[:-1], word[-1:]):
+            if part and part not in seen:
+                seen.add(part)
+                pending.append(part)
+                row_of[part] = n_rows
+                n_rows += 1
+    factors = {w: (row_of[w[:-1]], row_of[w[-1:]]) if len(w) > 1 else (-1, w[0]) for w in seen}
+    steps = [(row_of[w], *factors[w]) for w in sorted(seen, key=lambda w: (len(w), w))]
     # A repeated candidate is computed like its first occurrence.
-    steps += [(i, row_of[w[:-1]] if len(w) > 1 else -1, w[-1]) for i, w in enumerate(words) if row_of[w] != i]
+    steps += [(i, *factors[w]) for i, w in enumerate(words) if row_of[w] != i]
     target, parent, factor = np.array(steps, dtype=np.int32).reshape(-1, 3).T.copy()
     return MonomialPlan(target, parent, factor, n_rows)
 
@@ -183,16 +185,20 @@ def fill_rows(
     factor: NDArray[np.int32],
     out: NDArray[np.float64],
 ) -> None:  # pragma: no cover - compiled
-    """Write ``c`` samples of each planned row: of the base signals times ``weight``, from sample ``first``."""
+    """Write ``c`` samples of each planned row: of the base signals times ``weight``, from sample ``first``.
+
+    Products are of rows, not of base signals, which may compete for places in the cache.
+    """
     for i in range(target.size):
-        row, signal, unit = out[target[i]], base[factor[i], first : first + c], weight[factor[i]]
+        row = out[target[i]]
         if parent[i] < 0:
+            signal, unit = base[factor[i], first : first + c], weight[factor[i]]
             for t in range(c):
                 row[t] = unit * signal[t]
         else:
-            above = out[parent[i]]
+            above, other = out[parent[i]], out[factor[i]]
             for t in range(c):
-                row[t] = above[t] * (unit * signal[t])
+                row[t] = above[t] * other[t]
 
 
 # ---------------------------------------------------------------- rows
@@ -220,9 +226,9 @@ class RegressorChunks:
         self.q = 1 + p + self.m
         self.reach, self.chunk = reach, chunk
         shift = np.where(np.arange(plan.n_rows) < p, 1, 1 + self.m).astype(np.int32)
-        self.target = plan.target + shift[plan.target]
-        self.parent = np.where(plan.parent < 0, -1, plan.parent + shift[plan.parent]).astype(np.int32)
-        self.factor = plan.factor
+        self.target, self.parent, self.factor = plan.target + shift[plan.target], plan.parent.copy(), plan.factor.copy()
+        for rows in (self.parent, self.factor):
+            rows[plan.parent >= 0] += shift[rows[plan.parent >= 0]]
         self.n_rows = plan.n_rows + 1 + self.m
         self.workspace = np.empty(self.n_rows * (chunk + reach))
         self.weight, self.response_scale = 1.0 / scales[0], scales[1][:, None]
