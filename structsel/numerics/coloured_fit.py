@@ -1,8 +1,12 @@
 """Ordinary least squares with coloured residuals: the covariance, and the fit from known cross-products in one pass.
 
 Cross-products give parameters with an error of eps cond^2. The pass that the covariance needs also sums the score
-``X'e`` of their residual, from which one step of refinement follows: Bjorck's corrected seminormal equations. With
+``X'e`` of their residual, from which one step of refinement follows: corrected seminormal equations [Bj87]. With
 columns that are well determined the error is then that of a triangular factor.
+
+References
+----------
+[Bj87] for the refinement.
 """
 
 from __future__ import annotations
