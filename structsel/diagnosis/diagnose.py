@@ -14,7 +14,12 @@ from threadpoolctl import threadpool_limits
 from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.ceiling import explainable
-from structsel.comparison.locating.turbulence import TurbulenceEstimate, find_turbulence, turbulence_without_vanes
+from structsel.comparison.locating.turbulence import (
+    TurbulenceEstimate,
+    find_turbulence,
+    has_coloured_forces,
+    turbulence_without_vanes,
+)
 from structsel.comparison.preparing import PreparedComparison, prepare
 from structsel.comparison.simulations import require_simulation
 from structsel.comparison.tolerances import Nuisance
@@ -47,6 +52,11 @@ _SHORTEST = 5.0  # s, of a part
 _LISTED_DEVIATIONS = 8
 _REPORTED = 3  # exceeded tolerances in the notes
 _LISTED = 0.005  # fraction of the variance below which turbulence is not listed
+_COLOURED = (
+    "the residuals of all forces are coloured, and the response to the inputs does not confirm the effects that "
+    "resemble them: noise of the instruments that lasts, or moving air that no vane feels. A small mismatch would not "
+    "show"
+)
 _UNPREDICTED = 0.7  # residual over the measured rms, above which only a large effect would show
 
 
@@ -135,7 +145,7 @@ def conclude(
     problem, library, turbulence = ready
     remarks = list(prepared.remarks)
     flights, responses = problem.flights, problem.judged_responses
-    single = len(prepared.flights) == 1
+    single, coloured = len(prepared.flights) == 1, False
     if single:
         remarks.append(
             f"there is one manoeuvre only: it was divided into {len(flights)} parts, and each was predicted from the "
@@ -143,11 +153,13 @@ def conclude(
         )
 
     def ask(scores: Sequence[EffectScore], candidates: Sequence[CandidateEffect]) -> Detection | None:
-        """Detection of any mismatch in calm air: in turbulence the differences cause the motion."""
-        nonlocal turbulence
+        """Detection of any mismatch, unless turbulence or lasting noise causes the motion and the differences."""
+        nonlocal turbulence, coloured
         if turbulence is None:
-            turbulence = turbulence_without_vanes(flights, residuals(problem), unconfirmed_log_bayes(scores))
-        return None if turbulence is not None else detect(flights, problem, candidates)
+            left, unconfirmed = residuals(problem), unconfirmed_log_bayes(scores)
+            turbulence = turbulence_without_vanes(flights, left, unconfirmed)
+            coloured = turbulence is None and has_coloured_forces(flights, left, unconfirmed)
+        return None if coloured or turbulence is not None else detect(flights, problem, candidates)
 
     ranking = rank(problem, library, progress, ask)
 
@@ -160,7 +172,9 @@ def conclude(
     ranking = ranking.only({f.effect for f in findings})
     traces = traces_of(ranking)
     left = residuals(ranking.problem)
-    if turbulence is None:
+    if coloured:
+        remarks.append(_COLOURED)
+    elif turbulence is None:
         if findings:
             findings = find_material(ranking, findings)
         findings += find_unknown(ranking, left, responses, ceiling)

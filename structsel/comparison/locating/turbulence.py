@@ -43,13 +43,15 @@ _INPUT_FRACTION = 0.35  # fraction of the power that inputs may explain
 _PEAK = 6.0  # times the fitted spectrum; more is a resonance
 _OCCAM = 2.5  # log Bayes factor that a size free over orders of magnitude costs
 _BETWEEN_AXES = 0.35  # standard deviation of the logarithm of the size
-_WITHOUT_VANES, _IDENTIFIED = 32.0, 300.0
-"""Log Bayes factor of forces that follow the motion and no input, above which the air is the cause: that from which an
-effect would be a mismatch however little it explains; and for a simulation that was identified from flights. What its
-form leaves follows the motion as well: 66 in a real flight (GTM), 1,100 in wind (UAV)."""
+_WITHOUT_VANES = 300.0
+"""Log Bayes factor of forces that follow the motion and no input, above which the air is the cause."""
+_UNCONFIRMED = 32.0
+"""The same above which coloured residuals are no evidence of an effect: that from which one would be a mismatch however
+little it explains. For a simulation that was identified from flights it is that of the air: its form leaves coloured
+residuals."""
 _FORCE_FRACTION = 0.5
-"""Fraction of the residual of every force that air without vanes must explain: that which is not white noise. 0.67 to
-0.99 in 20 correct simulations with turbulence that no vane feels, at most 0.22 in 85 of 86 cases in calm air."""
+"""Fraction of the residual of every force that must not be white noise. 0.67 to 0.99 in 20 correct simulations with
+coloured noise of the instruments, or with turbulence that no vane feels; at most 0.22 in 85 of 86 other cases."""
 _MOTION = (0.1, 2.0)  # Hz, in which gusts move an aircraft
 _FORCED = {"v": ("CY", "beta"), "w": ("CZ", "alpha")}
 
@@ -140,8 +142,7 @@ def turbulence_without_vanes(
     """
     coloured = coloured_fractions(flights, residuals)
     explained = min(coloured.values(), default=0.0)
-    least = _IDENTIFIED if flights[0].is_identified else _WITHOUT_VANES
-    if log_bayes_factor < least or explained < _FORCE_FRACTION:
+    if log_bayes_factor < _WITHOUT_VANES or explained < _FORCE_FRACTION:
         return None
     sigma: dict[str, float] = {}
     for axis, (response, angle) in _FORCED.items():
@@ -152,8 +153,26 @@ def turbulence_without_vanes(
             sigma |= {axis: float(np.sqrt(power)) / slope} if slope > 0.0 else {}
     if not sigma:
         return None
-    probability = float(1.0 / (1.0 + np.exp(1.0 - log_bayes_factor / least)))
+    probability = float(1.0 / (1.0 + np.exp(1.0 - log_bayes_factor / _WITHOUT_VANES)))
     return TurbulenceEstimate(sigma, float("nan"), log_bayes_factor, probability, 0.0, explained)
+
+
+def has_coloured_forces(
+    flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]], log_bayes_factor: float
+) -> bool:
+    """Whether the residual of every force is coloured, and makes evidence of effects that the inputs do not confirm.
+
+    The noise of instruments may last, or the air move without a vane that feels it. Both are in the forces and in the
+    motion from which effects are computed.
+
+    Parameters
+    ----------
+    flights, residuals, log_bayes_factor
+        As for `turbulence_without_vanes`.
+    """
+    least = _WITHOUT_VANES if flights[0].is_identified else _UNCONFIRMED
+    fractions = coloured_fractions(flights, residuals)
+    return log_bayes_factor >= least and min(fractions.values(), default=0.0) >= _FORCE_FRACTION
 
 
 def coloured_fractions(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> dict[str, float]:
