@@ -133,7 +133,8 @@ def _fits(
         if not choice.noise and choice.past is None:
             known = choice.search.products, shared[r], terms[r]
             fit = fit_of_products(data.manoeuvres, data.exponents, *known, r, progress=data.stage("fit"), **passes)
-            found |= {} if fit is None else {r: fit}
+            if fit is not None:
+                found[r] = fit
     fits = _streamed_fits(data, chosen, [r for r in range(len(chosen)) if r not in found and chosen[r].past is None])
     weights = np.array([m.n for m in data.manoeuvres]) / sum(m.n for m in data.manoeuvres)
     for r, choice in enumerate(chosen):

@@ -140,9 +140,7 @@ def turbulence_without_vanes(
     TurbulenceEstimate or None
         Its sizes are those of gusts that would make the differences of the forces: noise and tolerances are in them.
     """
-    coloured = coloured_fractions(flights, residuals)
-    explained = min(coloured.values(), default=0.0)
-    if log_bayes_factor < _WITHOUT_VANES or explained < _FORCE_FRACTION:
+    if log_bayes_factor < _WITHOUT_VANES or (explained := _least_coloured(flights, residuals)) < _FORCE_FRACTION:
         return None
     sigma: dict[str, float] = {}
     for axis, (response, angle) in _FORCED.items():
@@ -171,8 +169,12 @@ def has_coloured_forces(
         As for `turbulence_without_vanes`.
     """
     least = _WITHOUT_VANES if flights[0].is_identified else _UNCONFIRMED
-    fractions = coloured_fractions(flights, residuals)
-    return log_bayes_factor >= least and min(fractions.values(), default=0.0) >= _FORCE_FRACTION
+    return log_bayes_factor >= least and _least_coloured(flights, residuals) >= _FORCE_FRACTION
+
+
+def _least_coloured(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> float:
+    """Coloured fraction of the force that has the least; zero without forces."""
+    return min(coloured_fractions(flights, residuals).values(), default=0.0)
 
 
 def coloured_fractions(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> dict[str, float]:
