@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from structsel.diagnosis.weighing import EVIDENT, bounded, log_bayes, log_bayes_
 
 _CLEARLY = 3.0  # log Bayes factor by which another form must be better confirmed, to be judged instead
 _FORMS = 3  # of an effect, on different parts of the aircraft, that are tested
-_MUCH = 100.0  # unconfirmed log Bayes factor from which all forms are tested, if it exceeds the confirmed one
+_MUCH = 100.0  # unconfirmed log Bayes factor from which all forms are tested, if it exceeds every confirmed one
 _EXCITED = 0.3  # fraction of the variance of some channel of a motion that the inputs must explain
 _MOTIONS = (("alpha", "q"), ("beta", "p", "r"))
 _SIDEWAYS = frozenset({"CY", "Cl", "Cn", "k_beta", "k_phi", "k_psi"})
@@ -65,9 +65,9 @@ class InputDrivenMotion:
         if not asked:
             return list(scores)
         made = self._confirmed(problem, [(s, _likely(s)) for s in asked])
-        lost = max(log_bayes(s) - log_bayes(made[s.effect]) for s in asked)
-        if lost > max(_MUCH, *map(log_bayes, made.values())):
-            made = self._confirmed(problem, [(s, range(len(s.signatures))) for s in asked])
+        most = max(_MUCH, *map(log_bayes, made.values()))
+        if again := [s for s in asked if log_bayes(s) - log_bayes(made[s.effect]) > most]:
+            made |= self._confirmed(problem, [(s, range(len(s.signatures))) for s in again])
         known = {s.effect: s for s in with_unconfirmed_weight(problem, list(made.values()))}
         return [known.get(s.effect, s) for s in scores]
 
@@ -83,7 +83,7 @@ class InputDrivenMotion:
 
     def _confirmed(
         self, problem: DiagnosisProblem, asked: Sequence[tuple[EffectScore, Sequence[int]]]
-    ) -> Mapping[str, EffectScore]:
+    ) -> dict[str, EffectScore]:
         """Effects with the evidence of some of their forms there, each judged by the form that is confirmed best."""
         forms = self._again([s.signatures[k] for s, tried in asked for k in tried])
         found = self._again(problem.accepted)
