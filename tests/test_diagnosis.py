@@ -84,6 +84,20 @@ def test_nothing_is_named_where_the_simulation_is_right():
     assert not [f for f in found.findings if f.kind != "random"]
 
 
+@pytest.mark.slow
+def test_half_of_what_tolerances_could_explain_counts_in_the_fraction_of_a_finding():
+    """A lift slope 30 % too large is three quarters of the error, and all tolerances together would explain it."""
+    recordings, aircraft, truth = ss.demo_flights(8, turbulence=0.0)
+    truth["CZ"]["alpha"] *= 1.3
+    del truth["Cm"]["beta^2"]
+    simulation = ss.AeroModel(
+        {c: ss.ResponseModel(tuple(map(ss.Term, t)), np.array(list(t.values()))) for c, t in truth.items()}
+    )
+    fractions = {f.effect: f.fraction for f in diagnose(simulation, recordings, aircraft).findings}
+    assert set(fractions) == {"wrong-derivative", "cross-coupling"}
+    assert 0.25 < fractions["wrong-derivative"] < 0.5
+
+
 def test_a_parameter_beyond_its_tolerance_is_reported():
     deviations = [
         ToleranceDeviation("V scale", 4.8, 0.036, 0.002, "relative"),

@@ -310,10 +310,11 @@ def test_the_ledger_counts_evidence_of_correct_simulations():
     def case(null, best, other, known=None):
         form = None if best is None else {"log_bayes": best}
         return {"null": null, "best form": form, "best other": {"log_bayes": other}, "true difference": known,
-                "detection": None}  # fmt: skip
+                "confirmed other": {"log_bayes": other / 2.0}, "detection": None}  # fmt: skip
 
     said = load_benchmark("ledger").summary(
         [case(True, None, 12.0), case(True, None, 3.0), case(False, 50.0, 0.0, 100.0)]
     )
     assert "1 of 2 above 10; 12" in said[0]
-    assert "1 of 1; median 50%" in said[1]
+    assert "as it counts: 0 of 2 above 10; 6" in said[1]
+    assert "1 of 1; median 50%" in said[2]

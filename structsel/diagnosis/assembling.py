@@ -108,7 +108,10 @@ def implausible(variant: Variant, found: Mapping[str, ParameterEstimate]) -> str
 
 
 def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping[str, float]]) -> list[EffectFinding]:
-    """Findings, the largest fraction of the mismatch first; fits are cumulative in that order.
+    """Findings, the largest expected fraction of the mismatch first; fits are cumulative in that order.
+
+    The expected fraction is the fraction that an effect explains times the probability of its name. A part that
+    tolerances could explain counts half.
 
     Parameters
     ----------
@@ -121,9 +124,9 @@ def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping
     if not members:
         return []
     plain = problem.as_given
-    carried = explained_fractions(problem, members)
-    order = np.argsort(carried)[::-1]
-    total = sum(carried)
+    carried = np.mean([explained_fractions(p, members) for p in (problem, plain)], axis=0)
+    order = np.argsort([-m.probability * x for m, x in zip(members, carried)])
+    total = float(carried.sum())
     responses = problem.judged_responses
     got = judging.measured(problem)
     delivered = judging.as_given(problem)
@@ -168,7 +171,7 @@ def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping
                 bars,
                 float("nan"),
                 judging.explained(delivered, after, axes),
-                carried[i] / total if total > 0.0 else 1.0,
+                float(carried[i]) / total if total > 0.0 else 1.0,
             )
         )
         before, without = with_it, extended
@@ -203,9 +206,8 @@ def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, 
     limits = "; ".join(
         filter(None, (implausible(problem.accepted[k].variant, e) for k, e in zip(member.places, fitted)))
     )
-    probability = probabilities.get(step.score.effect, 1.0)
     check = as_sentence(hypothesis.check)
-    best = Physics(step.score.effect, probability, says, merged, terms, limits, check)
+    best = Physics(step.score.effect, member.probability, says, merged, terms, limits, check)
     alternatives = []
     for score in step.others:
         p = probabilities.get(score.effect, 0.0)

@@ -33,6 +33,11 @@ class Member:
         """Name of the effect."""
         return self.steps[0].score.effect
 
+    @property
+    def probability(self) -> float:
+        """Probability of its name, when it entered."""
+        return dict(self.steps[0].alternatives).get(self.effect, 1.0)
+
 
 def gather(ranking: Ranking) -> list[Member]:
     """Effects in the model, each once, in the order in which they entered."""
@@ -81,13 +86,12 @@ def needed(problem: DiagnosisProblem, members: Sequence[Member]) -> list[Member]
 def explained_fractions(problem: DiagnosisProblem, members: Sequence[Member]) -> list[float]:
     """Fraction of the mismatch that each finding explains: its mean gain over all orders of entering (Shapley value).
 
-    The gain is the decrease of the sum of squares of each judged response, relative to its residual with tolerances.
-    The part that tolerances explain is no mismatch.
+    The gain is the decrease of the sum of squares of each judged response, relative to its residual without effects.
 
     Parameters
     ----------
     problem : DiagnosisProblem
-        With all of them in the model.
+        With all of them in the model. Where its tolerances are exact, what they could explain counts too.
     members : sequence of Member
     """
     known: dict[frozenset[int], Array] = {}
