@@ -63,6 +63,10 @@ def test_the_evidence_rises_without_the_added_effect_and_not_without_another_eff
         compared.log_bayes_factor({"m09": {}})
     with pytest.raises(DataError, match="response 'CL', which is not compared"):
         compared.log_bayes_factor({"m01": {"CL": truth["m01"]["CZ"]}})
+    # A wrong reading changes kinematic residuals too; its contribution to the coefficients is judged by these alone.
+    assert compared.log_bayes_factor(truth, ["CX", "CZ", "Cm"]) > 30.0
+    with pytest.raises(DataError, match="response 'CZ', which is not compared"):
+        compared.log_bayes_factor(truth, ["Cm"])
 
 
 def test_an_effect_that_is_left_out_is_not_named(case):

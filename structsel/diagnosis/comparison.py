@@ -104,7 +104,9 @@ class EffectComparison:
         with threadpool_limits(1):
             return work_out(self._effects, self._parts, self.responses)
 
-    def log_bayes_factor(self, contribution: Mapping[str, Mapping[str, tuple[Array, Array]]]) -> float:
+    def log_bayes_factor(
+        self, contribution: Mapping[str, Mapping[str, tuple[Array, Array]]], responses: Sequence[str] | None = None
+    ) -> float:
         """Log evidence of the differences less a given contribution, minus that of the differences as they are.
 
         The parameters within the tolerances of the aircraft are free in both. The noise is estimated from the
@@ -114,6 +116,8 @@ class EffectComparison:
         ----------
         contribution : mapping of recording to mapping of response to (t, values)
             What an effect adds to measured less simulated: (k,) times [s] and values in the unit of the response.
+        responses : sequence of str, optional
+            Those that are compared; by default all, and an effect adds nothing to those without a contribution.
 
         Returns
         -------
@@ -129,12 +133,15 @@ class EffectComparison:
         from threadpoolctl import threadpool_limits
 
         unknown = [f"recording '{name}'" for name in contribution if name not in self.t]
-        unknown += [f"response '{c}'" for held in contribution.values() for c in held if c not in self.responses]
+        wanted = self.responses if responses is None else tuple(responses)
+        unknown += [f"response '{c}'" for c in wanted if c not in self.responses]
+        unknown += [f"response '{c}'" for held in contribution.values() for c in held if c not in wanted]
         if unknown:
             raise DataError(f"a contribution is given for {unknown[0]}, which is not compared.")
         with threadpool_limits(1):
-            explained = DiagnosisProblem.set_up([_less(f, contribution.get(f.name, {})) for f in self._flights], ())
-            rows = [replace(r, flight=f).difference() for r, f in zip(explained.rows, self._flights)]
+            flights = [_only(f, wanted) for f in self._flights]
+            explained = DiagnosisProblem.set_up([_less(f, contribution.get(f.name, {})) for f in flights], ())
+            rows = [replace(r, flight=f).difference() for r, f in zip(explained.rows, flights)]
             base = explained.base
             unexplained = Base(rows, base.given, base.groups, base.scales)
         return float(scipy.special.logsumexp(base.evidence[:, 0]) - scipy.special.logsumexp(unexplained.evidence[:, 0]))
@@ -189,6 +196,12 @@ def comparison(
         flights,
         effects,
     )
+
+
+def _only(flight: Flight, responses: Sequence[str]) -> Flight:
+    """A prepared flight with some of its responses."""
+    simulated = {c: x for c, x in flight.simulated.items() if c in responses}
+    return replace(flight, measured={c: flight.measured[c] for c in responses}, simulated=simulated)
 
 
 def _less(flight: Flight, contribution: Mapping[str, tuple[Array, Array]]) -> Flight:
