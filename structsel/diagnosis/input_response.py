@@ -65,9 +65,12 @@ class InputDrivenMotion:
         if not asked:
             return list(scores)
         made = self._confirmed(problem, [(s, _likely(s)) for s in asked])
-        most = max(_MUCH, *map(log_bayes, made.values()))
-        if again := [s for s in asked if log_bayes(s) - log_bayes(made[s.effect]) > most]:
-            made |= self._confirmed(problem, [(s, range(len(s.signatures))) for s in again])
+        most = max(map(log_bayes, made.values()))
+        lost = max(log_bayes(s) - log_bayes(made[s.effect]) for s in asked)
+        # The response to the inputs only lowers evidence: no other effect can exceed the most.
+        leading = [s for s in asked if log_bayes(s) > most]
+        if leading and lost > max(_MUCH, most):
+            made |= self._confirmed(problem, [(s, range(len(s.signatures))) for s in leading])
         known = {s.effect: s for s in with_unconfirmed_weight(problem, list(made.values()))}
         return [known.get(s.effect, s) for s in scores]
 
