@@ -25,9 +25,7 @@ def once() -> dict[str, Any]:
     """One diagnosis in this interpreter: wall and CPU seconds, CPU seconds of the floor, and the result."""
     recordings, aircraft, truth = ss.demo_flights(8, turbulence=0.0)
     del truth[LACKING[0]][LACKING[1]]
-    simulation = ss.AeroModel(
-        {c: ss.ResponseModel(tuple(map(ss.Term, terms)), np.array(list(terms.values()))) for c, terms in truth.items()}
-    )
+    simulation = ss.AeroModel.from_terms(truth)
     cpu, wall, found = measure_once(lambda: ss.diagnose(simulation, recordings, aircraft))
     floor, _, _ = measure_once(
         lambda: [smooth_spline(x, r.t, order=3) for r in recordings for x in r.channels.values()]

@@ -90,10 +90,8 @@ def test_half_of_what_tolerances_could_explain_counts_in_the_fraction_of_a_findi
     recordings, aircraft, truth = ss.demo_flights(8, turbulence=0.0)
     truth["CZ"]["alpha"] *= 1.3
     del truth["Cm"]["beta^2"]
-    simulation = ss.AeroModel(
-        {c: ss.ResponseModel(tuple(map(ss.Term, t)), np.array(list(t.values()))) for c, t in truth.items()}
-    )
-    fractions = {f.effect: f.fraction for f in diagnose(simulation, recordings, aircraft).findings}
+    found = diagnose(ss.AeroModel.from_terms(truth), recordings, aircraft)
+    fractions = {f.effect: f.fraction for f in found.findings}
     assert set(fractions) == {"wrong-derivative", "cross-coupling"}
     assert 0.25 < fractions["wrong-derivative"] < 0.5
 

@@ -207,22 +207,18 @@ def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, 
         filter(None, (implausible(problem.accepted[k].variant, e) for k, e in zip(member.places, fitted)))
     )
     check = as_sentence(hypothesis.check)
-    best = Physics(step.score.effect, member.probability, says, merged, terms, limits, check)
+    best = Physics(member.effect, member.probability, says, merged, terms, limits, check)
     alternatives = []
     for score in step.others:
         p = probabilities.get(score.effect, 0.0)
-        if score.effect != step.score.effect and p >= LISTED:
+        if score.effect != member.effect and p >= LISTED:
             found = found_by(score)
             says_too = score.hypothesis.says(found)
             alternatives.append(Physics(score.effect, p, says_too, found.estimates, score.signature.variant.terms))
     if probabilities.get(UNNAMED, 0.0) >= LISTED:
         alternatives.append(Physics(UNNAMED, probabilities[UNNAMED], UNKNOWN_SAYS))
     alternatives = sorted(alternatives, key=lambda p: -p.probability)[: _ALTERNATIVES - 1]
-    ties = [
-        e
-        for e, p in step.alternatives
-        if e not in (step.score.effect, "nothing") and p > TIED * probabilities.get(step.score.effect, 1.0)
-    ]
+    ties = [e for e, p in step.alternatives if e not in (member.effect, "nothing") and p > TIED * member.probability]
     if step.constant:  # a constant is identified by its fraction in each response only
         tried = {s.effect for s in step.others}
         ties += [e for e in hypothesis.look_alikes if e in tried and e not in ties]
