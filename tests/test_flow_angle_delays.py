@@ -46,6 +46,26 @@ def test_a_delay_of_both_vanes_is_found_within_a_hundredth_of_a_second(calm, del
     assert all(abs(d.delay - delay) < 0.01 for d in found)
 
 
+def test_a_delay_of_one_sample_is_removed_and_is_no_finding(calm):
+    recordings, aircraft = calm
+    found = find_flow_angle_delays(flown([late(r, 0.02, "alpha", "beta") for r in recordings], aircraft))
+    assert {d.channel for d in found} == {"alpha", "beta"}
+    assert all(abs(d.delay - 0.02) < 0.004 for d in found)
+    assert all(d.probability > 0.9 and d.beyond_sampling < 0.1 for d in found)
+
+
+def test_a_delay_of_two_samples_is_a_finding(calm):
+    recordings, aircraft = calm
+    found = find_flow_angle_delays(flown([late(r, 0.04, "alpha") for r in recordings], aircraft))
+    assert [d.channel for d in found if d.beyond_sampling > 0.9] == ["alpha"]
+
+
+def test_a_late_gyro_does_not_make_the_angle_of_attack_early(calm):
+    recordings, aircraft = calm
+    found = find_flow_angle_delays(flown([late(r, 0.06, "q") for r in recordings], aircraft))
+    assert all(d.probability < 0.1 for d in found)
+
+
 def test_the_delay_of_one_vane_is_not_one_of_the_other(calm):
     recordings, aircraft = calm
     found = find_flow_angle_delays(flown([late(r, DELAY, "alpha") for r in recordings], aircraft))
@@ -53,13 +73,13 @@ def test_the_delay_of_one_vane_is_not_one_of_the_other(calm):
 
 
 def test_without_a_delay_none_is_probable(calm):
-    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(*calm)))
+    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(*calm)))
 
 
 @pytest.mark.parametrize("turbulence", [1.0, 3.0])
 def test_gusts_that_show_before_the_motion_are_no_delay(turbulence):
     recordings, aircraft, _ = demo_flights(4, 6, turbulence=turbulence)
-    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(recordings, aircraft)))
+    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(recordings, aircraft)))
 
 
 @pytest.mark.parametrize("stated", [True, False])
@@ -71,7 +91,17 @@ def test_a_vane_that_stands_elsewhere_is_no_delay(calm, stated):
     if not stated:
         del content["sensors"]["vane"]
     wrong = ss.Aircraft.from_dict(content)
-    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(recordings, wrong)))
+    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(recordings, wrong)))
+
+
+@pytest.mark.parametrize("x", [-4.0, -1.0, 1.0, 4.0])
+def test_a_place_that_is_wrong_by_any_distance_is_no_delay(calm, x):
+    recordings, aircraft = calm
+    content = aircraft.to_dict()
+    there = aircraft.position("vane")
+    content["sensors"]["vane"]["position"] = [there[0] + x, there[1], there[2]]
+    wrong = ss.Aircraft.from_dict(content)
+    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(recordings, wrong)))
 
 
 def test_a_diagnosis_removes_the_delay_first_and_then_finds_the_effect():
@@ -112,8 +142,8 @@ def test_at_the_boom_of_attas_a_delay_is_found_where_one_was_put_in_and_none_in_
     )
     assert alpha.probability > 0.95
     assert alpha.delay == pytest.approx(delay, abs=0.02)
-    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(case.recordings, case.aircraft)))
-    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(unstated.recordings, unstated.aircraft)))
+    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(case.recordings, case.aircraft)))
+    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(unstated.recordings, unstated.aircraft)))
 
 
 @pytest.mark.parametrize("angles", [("alpha",), ("beta",), ("alpha", "beta")])

@@ -19,6 +19,7 @@ from structsel.recording import Recording
 
 _NAMED = 0.5  # probability of a delay from which it may be removed
 _ORDER = 12  # samples of its past from which a difference is predicted
+_TINY = 1e-9  # fraction of the variance of a simulation that is rounding
 _PLAIN = {"alpha": "the angle of attack", "beta": "the angle of sideslip"}
 
 Flown = tuple[list[Flight], list[str]]
@@ -46,16 +47,16 @@ class Alignment:
     remarks: tuple[str, ...] = ()
 
 
-def align(made: Flown, recordings: Sequence[Recording], simulation: OpenedSimulation, compare: Compare) -> Alignment:
+def align(found: Flown, recordings: Sequence[Recording], simulation: OpenedSimulation, compare: Compare) -> Alignment:
     """Remove probable delays of the flow angles if the simulation then agrees better with the recordings.
 
-    A simulation may have been evaluated at delayed readings, or identified from such. If it can be evaluated again, and
-    agrees better with the readings as they are, both sides have the delay: it is no difference between them. What was
-    computed before stays as it is, or is referred to the earlier angles.
+    A simulation may have been evaluated at delayed readings, or identified from such. If it agrees better with the
+    readings as they are, both sides have the delay: it is no difference between them. What was computed before is
+    referred to the earlier angles, or stays as it is if it looks like a function of these rather than of those read.
 
     Parameters
     ----------
-    made : flights and remarks
+    found : flights and remarks
         With the recordings as they are.
     recordings : sequence of Recording
         Of the flights.
@@ -63,20 +64,24 @@ def align(made: Flown, recordings: Sequence[Recording], simulation: OpenedSimula
     compare : callable
         Recordings and a simulation to flights and remarks.
     """
-    flights, remarks = made
+    flights, remarks = found
     probable = tuple(d for d in find_flow_angle_delays(flights) if d.probability >= _NAMED)
     if not probable:
         return Alignment(flights, remarks=tuple(remarks))
     earlier = [without_delays(r, f, probable) for r, f in zip(recordings, flights)]
-    others = [compare(earlier, simulation)]
+    (made, noticed), stays = compare(earlier, simulation), agreement(flights)
+    better = agreement(made) > stays
     if simulation.along:
-        others.append(compare(earlier, _evaluated_earlier(simulation, others[0][0], flights, probable)))
-    agreed, (best, noticed) = max(((agreement(one[0]), one) for one in others), key=lambda pair: pair[0])
+        moved = compare(earlier, _evaluated_earlier(simulation, made, flights, probable))
+        if agreement(moved[0]) > agreement(made):
+            (made, noticed), better = moved, agreement(moved[0]) > stays
+        else:  # nothing but the states has changed
+            better = _follows(made) > _follows(flights)
     says = join_names([f"{_PLAIN[d.channel]} by {format_estimate(d.delay, d.std, 's')}" for d in probable])
     late = f"accelerometers and gyros show a delay of {says}"
-    if not simulation.along and agreed <= agreement(flights):
+    if not better:
         return Alignment(flights, remarks=(*remarks, f"{late}, which the simulation has too: it stays"))
-    return Alignment(best, probable, flights, (*noticed, f"{late}: it was removed before the comparison"))
+    return Alignment(made, probable, flights, (*noticed, f"{late}: it was removed before the comparison"))
 
 
 def without_delays(recording: Recording, flight: Flight, delays: Sequence[FlowAngleDelay]) -> Recording:
@@ -105,6 +110,13 @@ def _evaluated_earlier(
             for c, x in simulation.along[f.name].items()
         }
     return replace(simulation, along=along)
+
+
+def _follows(flights: Sequence[Flight]) -> float:
+    """How well the stand-in follows a simulation as a function of the states: -1/2 log of what it leaves."""
+    stand_in = flights[0].surrogate
+    left = {} if stand_in is None else stand_in.r2
+    return -0.5 * sum(float(np.log(max(1.0 - r2, _TINY))) for r2 in left.values())
 
 
 def agreement(flights: Sequence[Flight]) -> float:

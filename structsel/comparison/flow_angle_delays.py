@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 import scipy
 
+from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight
 from structsel.comparison.inertial_air_data import SLOW
 from structsel.comparison.prediction_filter import Filter
@@ -26,7 +27,12 @@ from structsel.numerics.dynamic_elements import delayed
 
 LONGEST = 0.5
 """Longest delay that is sought [s]."""
-_COARSE, _FINE = 0.04, 0.01  # s, between the delays that are tried
+REGISTERED = 0.02
+"""Difference of the channels' clocks that is no finding [s]; of channels sampled more slowly half a sample."""
+_COARSE, _MEDIUM, _FINE = 0.04, 0.01, 0.001  # s, between the delays that are tried
+_NEAR = 0.02  # s: half of the range about the best delay that is tried at the finest distance
+_USUAL = 0.1
+"""Mean delay of an instrument that is late or early [s]; delays are distributed exponentially on either side."""
 _EVIDENT = 3.0  # log likelihood of the best delay over none, from which it is computed in full
 _SPAN, _FEWEST, _LARGEST = 0.3, 8, 30  # s, and samples: past that predicts a residual
 _ROUNDS = 3
@@ -38,14 +44,19 @@ _ANSWER = 1.0
 """Rate at which aircraft answer gusts [1/s]. A gust shows in the reading before the motion that it causes: an apparent
 delay of this rate times the variance of the gusts over that of the angle's rate. In 19 correct simulations in
 turbulence (the proof's generators) it was 0.2 to 1.0 times this product, and 0.02 to 0.06 s."""
-_INDEPENDENT = 1.0  # s, after which errors of a vane count as independent of those before
-_PRIOR = -3.0
-"""Log odds of a delay beyond its tolerance before the recordings are seen: one in twenty."""
-_AHEAD, _AHEAD_UNSTATED = 1.1, 2.0
-"""Log Bayes factor of a delay over that of another place of the vane, from which it is a delay: where the place is
-stated, and where it is not. Where the place is wrong by 1 to 4 m (six cases of the proof's generators) it is at most
-1.02; delays of 0.05 to 0.2 s have 1.3 to 16 times as much. At ATTAS, whose boom of 13 m was not stated, a delay has 1.5
-times as much as the place."""
+_INDEPENDENT = 0.5  # s, after which errors of a vane count as independent of those before
+_BY_CHANCE = 8.0
+"""Log likelihood below `_MOTION` that place and scale may gain by chance. Of 32 readings made 0.02 s late (16 cases of
+the proof's generators) they gain 5 at most in 31 and 9 in one; in turbulence without a delay 8 to 56."""
+_PRIOR = -2.0
+"""Log odds of a delay beyond its tolerance before the recordings are seen: one in eight."""
+_AHEAD, _AHEAD_EARLY, _AHEAD_UNSTATED = 1.03, 1.3, 2.0
+"""Log Bayes factor of a delay over that of another place of the vane, from which it is a delay: of a late reading and
+of an early one where the place is stated, and where it is not. Where the place is wrong (26 readings of the proof's
+generators) it is at most 1.02; delays from 0.02 s on have 1.04 to 16 times as much. A gyro that is late, which makes
+the angle appear early, has at most 1.24. At ATTAS, whose boom of 13 m was not stated, a delay has 1.5 times as much."""
+_MOTION = 2.0
+"""Frequency up to which another place may not leave much less than a delay [Hz]. Above, noise hides both."""
 
 
 @dataclass(frozen=True)
@@ -57,76 +68,149 @@ class FlowAngleDelay:
     channel : {"alpha", "beta"}
     delay, std : float [s]
         Positive if the reading is late.
-    beyond : float
-        Log Bayes factor of a delay of any size up to `LONGEST` over one within the stated tolerance.
     log_bayes : float
         Log Bayes factor over no delay.
     of_place : float
         Log Bayes factor of another place of the vane and another scale, without a delay.
     probability : float
-        That it exceeds its tolerance and is not the place of the vane.
+        That it exceeds its stated tolerance and is not the place of the vane.
+    beyond_sampling : float
+        The same, where the clocks of the channels agree to `REGISTERED`, or to half a sample where that is more, only.
     """
 
     channel: str
     delay: float
     std: float
-    beyond: float
     log_bayes: float
     of_place: float
     probability: float
+    beyond_sampling: float
 
 
 def find_flow_angle_delays(flights: Sequence[Flight]) -> tuple[FlowAngleDelay, ...]:
     """Delays of alpha and beta that are common to all flights; one without evidence of any is left out.
 
-    Both angles usually have one boom: a delay that agrees with a probable one of the other angle is as probable.
+    Both angles usually have one boom. If their delays agree, each is as probable as a common delay of both.
 
     Parameters
     ----------
     flights : sequence of Flight
         Of one aircraft.
     """
-    found = [one for one in (_delay_of(channel, flights) for channel in _TURN) if one is not None]
+    read = [one for one in (_Reading.of(channel, flights) for channel in _TURN) if one is not None]
+    found = [_judged([one], one.channel) for one in read]
     if len(found) < 2:
         return tuple(found)
     one, other = found
     scale = np.hypot(np.hypot(one.std, other.std), WITHIN_SAMPLE * flights[0].dt)
     alike = float(np.exp(-0.5 * ((one.delay - other.delay) / scale) ** 2))
+    common = _judged(read, "both")
     return tuple(
-        replace(a, probability=max(a.probability, alike * b.probability)) for a, b in ((one, other), (other, one))
+        replace(
+            a,
+            probability=max(a.probability, alike * common.probability, alike * b.probability),
+            beyond_sampling=max(a.beyond_sampling, alike * common.beyond_sampling, alike * b.beyond_sampling),
+        )
+        for a, b in ((one, other), (other, one))
     )
 
 
-def _delay_of(channel: str, flights: Sequence[Flight]) -> FlowAngleDelay | None:
-    courses = [_Course.of(f, channel) for f in flights if channel in f.integrated and channel in f.raw]
-    if not courses:
-        return None
-    aircraft, dt = flights[0].aircraft, max(c.dt for c in courses)
-    fit = _Fit(courses, int(np.clip(round(_SPAN / dt), _FEWEST, _LARGEST)))
-    widths = np.array([_SCALE, aircraft.tolerances.lever_arm])
-    none = fit.evidence(np.zeros(1), widths)
-    coarse = np.arange(-LONGEST, LONGEST + 0.5 * _COARSE, _COARSE)
-    if fit.with_filter(none.filter, coarse, widths).logs.max() - none.logs[0] < _EVIDENT:
-        return None
-    taus = np.arange(-LONGEST, LONGEST + 0.5 * _FINE, _FINE)
-    late = fit.evidence(taus, widths, none.filter)
-    free = np.array([_SCALE_FREE, _FREE_PLACE * aircraft.b])
-    place = fit.evidence(np.zeros(1), free, none.filter)
-    weight = scipy.special.softmax(late.logs)
-    delay = float(weight @ taus)
-    std = float(np.sqrt(weight @ (taus - delay) ** 2 + _FINE**2 / 12.0))
-    timing = np.hypot(aircraft.tolerances.delay, WITHIN_SAMPLE * dt)
-    left = fit.left(delay, widths)
-    tolerance = float(np.hypot(timing, _ANSWER * left / fit.rates(delay)))
-    uniform = scipy.special.logsumexp(late.logs) + np.log(_FINE / (2.0 * LONGEST))
-    within = scipy.special.logsumexp(late.logs + scipy.stats.norm.logpdf(taus, scale=tolerance)) + np.log(_FINE)
-    nothing = max(none.logs[0], late.logs[np.argmin(np.abs(taus))])
-    beyond, log_bayes, of_place = (float(x) for x in (uniform - within, uniform - nothing, place.logs[0] - nothing))
-    ahead = log_bayes - (_AHEAD if "vane" in aircraft.sensors else _AHEAD_UNSTATED) * max(0.0, of_place)
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """One flow angle with evidence of a delay.
+
+    Attributes
+    ----------
+    channel : {"alpha", "beta"}
+    fit : _Fit
+    filter : Filter
+        Of the residual of the most probable delay.
+    aircraft : Aircraft
+    most : float [s]
+        The most probable delay of those tried.
+    nothing, place : float
+        Log evidence of no delay, and of no delay but another place and another scale.
+    """
+
+    channel: str
+    fit: _Fit
+    filter: Filter
+    aircraft: Aircraft
+    most: float
+    nothing: float
+    place: float
+
+    @classmethod
+    def of(cls, channel: str, flights: Sequence[Flight]) -> _Reading | None:
+        """None without evidence of a delay."""
+        courses = [_Course.of(f, channel) for f in flights if channel in f.integrated and channel in f.raw]
+        if not courses:
+            return None
+        fit = _Fit(courses, int(np.clip(round(_SPAN / max(c.dt for c in courses)), _FEWEST, _LARGEST)))
+        aircraft = flights[0].aircraft
+        none = fit.evidence(np.zeros(1), _tolerated(aircraft))
+        coarse = np.arange(-LONGEST, LONGEST + 0.5 * _COARSE, _COARSE)
+        if fit.with_filter(none.filter, coarse, _tolerated(aircraft)).logs.max() - none.logs[0] < _EVIDENT:
+            return None
+        taus = np.arange(-LONGEST, LONGEST + 0.5 * _MEDIUM, _MEDIUM)
+        late = fit.evidence(taus, _tolerated(aircraft), none.filter)
+        nothing = max(none.logs[0], late.logs[np.argmin(np.abs(taus))])
+        place = fit.evidence(np.zeros(1), _elsewhere(aircraft), none.filter).logs[0]
+        return cls(channel, fit, late.filter, aircraft, float(taus[np.argmax(late.logs)]), float(nothing), float(place))
+
+    def logs(self, taus: Array) -> Array:
+        """Log evidence of delays, over that of none."""
+        return self.fit.with_filter(self.filter, taus, _tolerated(self.aircraft)).logs - self.nothing
+
+    def known(self, tau: float) -> float:
+        """Standard deviation of a delay within the stated tolerance, and of the apparent delay of gusts [s]."""
+        gusts = _ANSWER * self.fit.left(tau, _tolerated(self.aircraft)) / self.fit.rates(tau)
+        return float(np.hypot(self.aircraft.tolerances.delay, gusts))
+
+    def lower(self, tau: float) -> float:
+        """Log likelihood of a delay over that of another place and scale, of the motion alone."""
+        ratio = self.fit.left(0.0, _elsewhere(self.aircraft)) / self.fit.left(tau, _tolerated(self.aircraft))
+        return float(0.5 * sum(c.t[-1] for c in self.fit.courses) / _INDEPENDENT * np.log(ratio))
+
+
+def _tolerated(aircraft: Aircraft) -> Array:
+    """Standard deviations of an error of scale and of the vane's place [m] within their tolerances."""
+    return np.array([_SCALE, aircraft.tolerances.lever_arm])
+
+
+def _elsewhere(aircraft: Aircraft) -> Array:
+    """Standard deviations of an error of scale and of the vane's place [m] as an explanation."""
+    return np.array([_SCALE_FREE, _FREE_PLACE * aircraft.b])
+
+
+def _judged(read: Sequence[_Reading], name: str) -> FlowAngleDelay:
+    """One delay of some readings, and its probability."""
+    aircraft, dt = read[0].aircraft, max(c.dt for c in read[0].fit.courses)
+    near = np.mean([one.most for one in read]) + np.arange(-_NEAR, _NEAR + 0.5 * _FINE, _FINE)
+    logs = np.sum([one.logs(near) for one in read], axis=0)
+    weight = scipy.special.softmax(logs)
+    delay = float(weight @ near)
+    std = float(np.sqrt(weight @ (near - delay) ** 2 + _FINE**2 / 12.0))
+    any_size = scipy.special.logsumexp(logs - np.abs(near) / _USUAL) + np.log(_FINE / (2.0 * _USUAL))
+    of_place = sum(max(0.0, one.place - one.nothing) for one in read)
+    stated = _AHEAD if delay > 0.0 else _AHEAD_EARLY
+    ahead = any_size - (stated if "vane" in aircraft.sensors else _AHEAD_UNSTATED) * of_place
     # Evidence of white rows is that of the highest frequencies, where no model of a vane is exact.
-    lower = 0.5 * sum(c.t[-1] for c in courses) / _INDEPENDENT * np.log(fit.left(0.0, free) / left)
-    log_odds = min(beyond, ahead, lower) + _PRIOR
-    return FlowAngleDelay(channel, delay, std, beyond, log_bayes, of_place, float(scipy.special.expit(log_odds)))
+    lower = sum(one.lower(delay) for one in read) + _BY_CHANCE
+    known = float(np.mean([one.known(delay) for one in read]))
+
+    def exceeds(registered: float) -> float:
+        within = scipy.special.logsumexp(logs + _log_within(near, registered, known)) + np.log(_FINE)
+        return float(scipy.special.expit(min(any_size - within, ahead, lower) + _PRIOR))
+
+    beyond_sampling = exceeds(max(REGISTERED, 0.5 * dt))
+    return FlowAngleDelay(name, delay, std, float(any_size), float(of_place), exceeds(_FINE), beyond_sampling)
+
+
+def _log_within(taus: Array, half: float, sd: float) -> Array:
+    """Log density [1/s] of a delay that is anywhere within plus or minus `half`, and has a normal error besides."""
+    up, down = scipy.special.log_ndtr((half - np.abs(taus)) / sd), scipy.special.log_ndtr((-half - np.abs(taus)) / sd)
+    return np.asarray(up + np.log1p(-np.exp(down - up)) - np.log(2.0 * half))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,8 +292,13 @@ class _Fit:
         return np.asarray(y - X @ np.linalg.solve(X.T @ X + np.diag(y.var() / widths**2), X.T @ y))
 
     def left(self, tau: float, widths: Array) -> float:
-        """Variance of what a delay, drifts, scale and place leave."""
-        return float(np.var(np.concatenate([self._left(course, tau, widths) for course in self.courses])))
+        """Variance below `_MOTION` of what a delay, drifts, scale and place leave."""
+        power, count = 0.0, 0
+        for c in self.courses:
+            waves = scipy.fft.dct(self._left(c, tau, widths), norm="ortho")
+            power += float(np.sum(waves[: int(2.0 * len(waves) * c.dt * _MOTION) + 1] ** 2))
+            count += len(waves)
+        return power / count
 
     def rates(self, tau: float) -> float:
         """Variance of the rate of the angle [1/s^2]."""

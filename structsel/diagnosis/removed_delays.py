@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from structsel.comparison.flow_angle_delays import FlowAngleDelay
 from structsel.comparison.preparing import PreparedComparison
 from structsel.diagnosis import judging
+from structsel.diagnosis.ranking import NAMED
 from structsel.diagnosis.result import Bars, EffectFinding, Physics
 from structsel.effects.base import ParameterEstimate
 from structsel.effects.wording import INSTRUMENTS
@@ -17,7 +18,10 @@ _SHOWN = 0.01  # fraction by which the rms of the differences of a listed respon
 
 
 def removed_delays(prepared: PreparedComparison, responses: Sequence[str]) -> list[EffectFinding]:
-    """The delays that were removed, as one finding; empty if there are none or the simulation fits as well with them.
+    """The delays that were removed, as one finding.
+
+    Empty if there are none, if none probably exceeds what sampling leaves open, or if the simulation fits as well with
+    them.
 
     Parameters
     ----------
@@ -25,7 +29,8 @@ def removed_delays(prepared: PreparedComparison, responses: Sequence[str]) -> li
     responses : sequence of str
         Responses by which effects are judged.
     """
-    if not prepared.delays:
+    found = [one for one in prepared.delays if one.beyond_sampling >= NAMED]
+    if not found:
         return []
     before, after = (_varying([f.difference for f in x], responses) for x in (prepared.as_recorded, prepared.flights))
     gained = judging.gains(before, after, responses)
@@ -36,12 +41,12 @@ def removed_delays(prepared: PreparedComparison, responses: Sequence[str]) -> li
     fits = [judging.fit(measured, left, axes) for left in (before, after)]
     bars = {c: Bars(fits[0][c], fits[0][c], fits[1][c]) for c in axes if c in fits[0]}
     explained = judging.explained(before, after, axes)
-    each = join_names([_says(one) for one in prepared.delays])
+    each = join_names([_says(one) for one in found])
     physics = Physics(
         "sensor-delay",
-        max(one.probability for one in prepared.delays),
+        max(one.beyond_sampling for one in found),
         as_sentence(f"{each}, by accelerometers and gyros; the delay was removed before the other effects were sought"),
-        {f"delay of {one.channel}": ParameterEstimate(one.delay, one.std, "s") for one in prepared.delays},
+        {f"delay of {one.channel}": ParameterEstimate(one.delay, one.std, "s") for one in found},
     )
     return [EffectFinding(axes, "sensor", (physics,), {}, {}, (), "", bars, explained, explained, explained)]
 
