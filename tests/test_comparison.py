@@ -191,6 +191,16 @@ def test_the_slope_of_a_table_that_bends_is_followed_beside_the_bend():
     assert_allclose(model.evaluate(flights[0]), stand_in.evaluate(flights[0], "CX"), atol=1e-9)
 
 
+def test_the_slope_of_a_table_that_is_even_in_sideslip_is_its_mean_over_the_zero_of_the_vane():
+    flights = flights_with({}, speeds=(36.0, 45.0, 60.0), h=(1000.0,) * 3)
+    stand_in = identify(flights, [{"CX": 0.4 * np.abs(f["beta"])} for f in flights], ["CX"])
+    assert ("abs(beta)",) in stand_in.terms["CX"]
+    zero = np.random.default_rng(3).normal(0.0, 0.002, 4000)
+    for f in flights:
+        mean = 0.4 * np.sign(f["beta"][:, None] + zero).mean(axis=1)
+        assert_allclose(stand_in.slope(f, "CX", "beta"), mean, atol=0.02)
+
+
 def test_an_airbrake_deflection_is_in_the_surrogate_and_in_the_tolerances(flights_and_truth):
     recordings, stated = flights_and_truth
     out = [np.clip(T - 8.0, 0.0, 1.0) * (k == 1) for k in range(4)]
