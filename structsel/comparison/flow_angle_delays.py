@@ -52,7 +52,7 @@ _PRIOR = -2.0
 """Log odds of a delay beyond its tolerance before the recordings are seen: one in eight."""
 _AHEAD, _AHEAD_EARLY, _AHEAD_UNSTATED = 1.03, 1.3, 2.0
 """Log Bayes factor of a delay over that of another place of the vane, from which it is a delay: of a late reading and
-of an early one where the place is stated, and where it is not. Where the place is wrong (26 readings of the proof's
+of an early one where the place is stated, and where it is not. Where the place is wrong (31 readings of the proof's
 generators) it is at most 1.02; delays from 0.02 s on have 1.04 to 16 times as much. A gyro that is late, which makes
 the angle appear early, has at most 1.24. At ATTAS, whose boom of 13 m was not stated, a delay has 1.5 times as much."""
 _MOTION = 2.0
