@@ -73,35 +73,35 @@ def test_the_delay_of_one_vane_is_not_one_of_the_other(calm):
 
 
 def test_without_a_delay_none_is_probable(calm):
-    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(*calm)))
+    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(*calm)))
 
 
 @pytest.mark.parametrize("turbulence", [1.0, 3.0])
 def test_gusts_that_show_before_the_motion_are_no_delay(turbulence):
     recordings, aircraft, _ = demo_flights(4, 6, turbulence=turbulence)
-    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(recordings, aircraft)))
+    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(recordings, aircraft)))
 
 
-@pytest.mark.parametrize("stated", [True, False])
-def test_a_vane_that_stands_elsewhere_is_no_delay(calm, stated):
-    recordings, aircraft = calm
-    content = aircraft.to_dict()
-    x, y, z = aircraft.position("vane")
-    content["sensors"]["vane"]["position"] = [x - 4.0, y, z]
-    if not stated:
-        del content["sensors"]["vane"]
-    wrong = ss.Aircraft.from_dict(content)
-    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(recordings, wrong)))
-
-
-@pytest.mark.parametrize("x", [-4.0, -1.0, 1.0, 4.0])
-def test_a_place_that_is_wrong_by_any_distance_is_no_delay(calm, x):
-    recordings, aircraft = calm
+def with_vane(aircraft: ss.Aircraft, x: float, stated: bool) -> ss.Aircraft:
+    """The aircraft with its vane stated to be elsewhere, or not stated."""
     content = aircraft.to_dict()
     there = aircraft.position("vane")
     content["sensors"]["vane"]["position"] = [there[0] + x, there[1], there[2]]
-    wrong = ss.Aircraft.from_dict(content)
-    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(recordings, wrong)))
+    if not stated:
+        del content["sensors"]["vane"]
+    return ss.Aircraft.from_dict(content)
+
+
+@pytest.mark.parametrize("x", [-4.0, -1.0, 1.0, 4.0])
+def test_a_vane_that_stands_elsewhere_is_no_delay(calm, x):
+    recordings, aircraft = calm
+    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(recordings, with_vane(aircraft, x, True))))
+
+
+def test_a_vane_whose_place_is_not_stated_is_no_delay(calm):
+    recordings, aircraft = calm
+    found = find_flow_angle_delays(flown(recordings, with_vane(aircraft, 0.0, False)))
+    assert all(d.probability < 0.1 for d in found)  # weak evidence of both; one in eight before
 
 
 def test_a_diagnosis_removes_the_delay_first_and_then_finds_the_effect():
@@ -142,8 +142,8 @@ def test_at_the_boom_of_attas_a_delay_is_found_where_one_was_put_in_and_none_in_
     )
     assert alpha.probability > 0.95
     assert alpha.delay == pytest.approx(delay, abs=0.02)
-    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(case.recordings, case.aircraft)))
-    assert all(d.probability < 0.1 for d in find_flow_angle_delays(flown(unstated.recordings, unstated.aircraft)))
+    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(case.recordings, case.aircraft)))
+    assert all(d.probability < 0.05 for d in find_flow_angle_delays(flown(unstated.recordings, unstated.aircraft)))
 
 
 @pytest.mark.parametrize("angles", [("alpha",), ("beta",), ("alpha", "beta")])

@@ -19,7 +19,6 @@ from structsel.recording import Recording
 
 _NAMED = 0.5  # probability of a delay from which it may be removed
 _ORDER = 12  # samples of its past from which a difference is predicted
-_TINY = 1e-9  # fraction of the variance of a simulation that is rounding
 _PLAIN = {"alpha": "the angle of attack", "beta": "the angle of sideslip"}
 
 Flown = tuple[list[Flight], list[str]]
@@ -69,14 +68,15 @@ def align(found: Flown, recordings: Sequence[Recording], simulation: OpenedSimul
     if not probable:
         return Alignment(flights, remarks=tuple(remarks))
     earlier = [without_delays(r, f, probable) for r, f in zip(recordings, flights)]
-    (made, noticed), stays = compare(earlier, simulation), agreement(flights)
-    better = agreement(made) > stays
+    stays, (made, noticed) = agreement(flights), compare(earlier, simulation)
+    agreed = agreement(made)
+    better = agreed > stays
     if simulation.along:
         moved = compare(earlier, _evaluated_earlier(simulation, made, flights, probable))
-        if agreement(moved[0]) > agreement(made):
-            (made, noticed), better = moved, agreement(moved[0]) > stays
+        if (moved_agreed := agreement(moved[0])) > agreed:
+            (made, noticed), better = moved, moved_agreed > stays
         else:  # nothing but the states has changed
-            better = _follows(made) > _follows(flights)
+            better = _misfit(made) < _misfit(flights)
     says = join_names([f"{_PLAIN[d.channel]} by {format_estimate(d.delay, d.std, 's')}" for d in probable])
     late = f"accelerometers and gyros show a delay of {says}"
     if not better:
@@ -112,11 +112,10 @@ def _evaluated_earlier(
     return replace(simulation, along=along)
 
 
-def _follows(flights: Sequence[Flight]) -> float:
-    """How well the stand-in follows a simulation as a function of the states: -1/2 log of what it leaves."""
+def _misfit(flights: Sequence[Flight]) -> float:
+    """What a function of the states, the stand-in, leaves of the simulation."""
     stand_in = flights[0].surrogate
-    left = {} if stand_in is None else stand_in.r2
-    return -0.5 * sum(float(np.log(max(1.0 - r2, _TINY))) for r2 in left.values())
+    return 0.0 if stand_in is None else stand_in.misfit
 
 
 def agreement(flights: Sequence[Flight]) -> float:

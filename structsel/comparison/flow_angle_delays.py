@@ -98,13 +98,13 @@ def find_flow_angle_delays(flights: Sequence[Flight]) -> tuple[FlowAngleDelay, .
         Of one aircraft.
     """
     read = [one for one in (_Reading.of(channel, flights) for channel in _TURN) if one is not None]
-    found = [_judged([one], one.channel) for one in read]
+    found = [_judged([one]) for one in read]
     if len(found) < 2:
         return tuple(found)
     one, other = found
     scale = np.hypot(np.hypot(one.std, other.std), WITHIN_SAMPLE * flights[0].dt)
     alike = float(np.exp(-0.5 * ((one.delay - other.delay) / scale) ** 2))
-    common = _judged(read, "both")
+    common = _judged(read)
     return tuple(
         replace(
             a,
@@ -183,8 +183,8 @@ def _elsewhere(aircraft: Aircraft) -> Array:
     return np.array([_SCALE_FREE, _FREE_PLACE * aircraft.b])
 
 
-def _judged(read: Sequence[_Reading], name: str) -> FlowAngleDelay:
-    """One delay of some readings, and its probability."""
+def _judged(read: Sequence[_Reading]) -> FlowAngleDelay:
+    """One delay that some readings have in common, and its probability, by the name of the first."""
     aircraft, dt = read[0].aircraft, max(c.dt for c in read[0].fit.courses)
     near = np.mean([one.most for one in read]) + np.arange(-_NEAR, _NEAR + 0.5 * _FINE, _FINE)
     logs = np.sum([one.logs(near) for one in read], axis=0)
@@ -204,7 +204,8 @@ def _judged(read: Sequence[_Reading], name: str) -> FlowAngleDelay:
         return float(scipy.special.expit(min(any_size - within, ahead, lower) + _PRIOR))
 
     beyond_sampling = exceeds(max(REGISTERED, 0.5 * dt))
-    return FlowAngleDelay(name, delay, std, float(any_size), float(of_place), exceeds(_FINE), beyond_sampling)
+    channel = read[0].channel
+    return FlowAngleDelay(channel, delay, std, float(any_size), float(of_place), exceeds(_FINE), beyond_sampling)
 
 
 def _log_within(taus: Array, half: float, sd: float) -> Array:

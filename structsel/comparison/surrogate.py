@@ -94,6 +94,11 @@ class Surrogate:
         """The stand-in without splines."""
         return self.without_splines or self
 
+    @property
+    def misfit(self) -> float:
+        """Log of the fraction of the variance that it leaves, summed over the responses."""
+        return float(sum(np.log(max(1.0 - r2, _TINY)) for r2 in self.r2.values()))
+
     def channel_of(self, factor: str) -> str:
         """Channel that a factor of a term depends on."""
         return "alpha" if factor in self.knots else factor
@@ -189,7 +194,7 @@ def find_surrogate(flights: Sequence[Flight], responses: Sequence[str]) -> Surro
         tried.append(identify(asked, simulated_responses, responses))
         if np.any(flights[0].aircraft.position("vane")):
             tried.append(identify(asked, simulated_responses, responses, at_cg=True))
-    return min(tried, key=lambda s: sum(np.log(max(1.0 - s.r2[c], _TINY)) for c in responses))
+    return min(tried, key=lambda s: s.misfit)
 
 
 def identify(
