@@ -1,4 +1,4 @@
-"""A residual that lasts in one moment alone is a mismatch without a name."""
+"""A residual that lasts in one response alone is a mismatch without a name."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -50,27 +50,77 @@ def slow(size: float) -> np.ndarray:
     return size * np.sin(np.arange(50_000) * DT)
 
 
-def test_only_a_moment_is_alone_and_only_of_three_coefficients():
-    moment = find_isolated([FLIGHT], [{"CX": slow(0.01), "CZ": slow(0.005), "Cm": slow(0.1)}])
+def test_the_response_that_lasts_most_is_alone_among_three_coefficients():
+    moment = find_isolated([FLIGHT], [{"CX": slow(0.01), "CZ": slow(0.005), "Cm": slow(0.1)}], {})
     assert moment is not None
     assert moment.response == "Cm"
     assert moment.size == pytest.approx(10.0 * moment.others)
-    assert find_isolated([FLIGHT], [{"CX": slow(0.01), "CZ": slow(0.1), "Cm": slow(0.005)}]) is None
-    assert find_isolated([FLIGHT], [{"CZ": slow(0.01), "Cm": slow(0.1)}]) is None
+    assert moment.expected == 0.0
+    assert find_isolated([FLIGHT], [{"CZ": slow(0.01), "Cm": slow(0.1)}], {}) is None
 
 
-def test_a_periodic_moment_is_detected_and_a_correct_simulation_has_none():
+WHITE = 0.1  # of a force that varies by one
+
+
+def noisy_forces(white: float = WHITE) -> SimpleNamespace:
+    """A flight whose forces vary slowly by one, with white noise."""
+    rng = np.random.default_rng(2)
+    wave = np.sqrt(2.0) * np.sin(0.01 * np.arange(50_000))
+    forces = {c: wave + white * rng.standard_normal(wave.size) for c in ("CX", "CY", "CZ")}
+    return SimpleNamespace(dt=DT, measured={**forces, "Cm": wave})
+
+
+@pytest.mark.parametrize(
+    ("response", "size", "beside", "low", "high"),
+    [
+        ("CX", 0.6, 0.0, 0.0, 0.05),  # as much as accelerometers may have
+        ("CX", 1.2, 0.0, 0.95, 1.0),
+        ("CX", 1.2, 0.15, 0.85, 1.0),  # the other accelerometer has a little
+        ("CZ", 1.2, 0.0, 0.0, 0.05),  # as much as the noise of alpha may have
+        ("CZ", 2.5, 0.0, 0.95, 1.0),
+    ],
+)
+def test_a_force_is_alone_beyond_what_its_instruments_may_have(response, size, beside, low, high):
+    """`size` and `beside` (of CY): lasting residual over white noise."""
+    unit = slow(WHITE / np.sqrt(0.5 * np.cos(0.6)) / np.sinc(0.3 / (2.0 * np.pi)))
+    left = {"CX": 0.0 * unit, "CZ": 0.0 * unit, "Cm": 0.0 * unit, "CY": beside * unit, response: size * unit}
+    found = find_isolated([noisy_forces()], [left], {})
+    assert found is not None
+    assert found.response == response
+    assert found.size == pytest.approx(size * WHITE, rel=0.02)
+    assert found.expected == pytest.approx((beside + {"CX": 0.75, "CZ": 1.75}[response]) * WHITE, rel=0.05)
+    assert low <= found.probability <= high
+
+
+def test_the_form_of_a_simulation_may_leave_a_residual_that_lasts():
+    moment = find_isolated([FLIGHT], [{"CX": slow(0.01), "CZ": slow(0.005), "Cm": slow(0.1)}], {"Cm": 0.07})
+    assert moment is not None
+    assert moment.expected == 0.07
+    assert moment.probability < 0.05
+
+
+def test_a_force_that_holds_its_values_is_not_judged():
+    held = noisy_forces()
+    held.measured["CX"] = np.repeat(held.measured["CX"][::10], 10)
+    found = find_isolated([held], [{"CX": slow(0.5), "CZ": slow(0.0), "Cm": slow(0.0)}], {})
+    assert found is not None
+    assert found.expected == np.inf
+    assert found.probability < 0.01
+
+
+@pytest.mark.parametrize(("response", "size"), [("Cm", 0.15), ("CX", 0.5)])
+def test_a_periodic_response_is_detected_and_a_correct_simulation_has_none(response, size):
     correct = flights_with({}, speeds=(40.0, 45.0, 50.0, 55.0), h=(1000.0,) * 4)
     alone = detect(correct, DiagnosisProblem.set_up(correct, ()))
     assert alone.isolated is None or alone.isolated.probability < 0.05
-    wave = [np.sin(2.0 * np.pi * 0.37 * f.t) * 0.15 * f.measured["Cm"].std() for f in correct]
-    forced = [replace(f, measured={**f.measured, "Cm": f.measured["Cm"] + w}) for f, w in zip(correct, wave)]
+    wave = [np.sin(2.0 * np.pi * 0.37 * f.t) * size * f.measured[response].std() for f in correct]
+    forced = [replace(f, measured={**f.measured, response: f.measured[response] + w}) for f, w in zip(correct, wave)]
     found = detect(forced, DiagnosisProblem.set_up(forced, ()))
     assert found.isolated is not None
-    assert (found.axes, found.event) == (("Cm",), ())
+    assert (found.axes, found.event) == ((response,), ())
     assert found.probability > 0.9
     assert found.probability_by_rows < 0.5
-    assert found.says.startswith("The residual of Cm lasts as that of no other response does: ")
+    assert found.says.startswith(f"The residual of {response} lasts as that of no other response does: ")
 
 
 def test_its_probability_is_that_of_unknown():

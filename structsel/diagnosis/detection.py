@@ -205,7 +205,7 @@ def detect(
         best.setdefault(one.tolerance.name, one)
     std = np.sqrt(np.diag(null.covariance))
     deviations = tuple((n, float(m), float(s)) for n, m, s in zip(rows.tolerances, null.mean, std))
-    isolated = find_isolated(flights, residuals(problem))
+    isolated = find_isolated(flights, residuals(problem), {c: x for c, x in form.items() if x > _FORM})
     predicted = find_predicted(rows, null, candidates, white)
     return Detection(tuple(best.values()), remainder, events, deviations, isolated, predicted)
 

@@ -1,8 +1,8 @@
-"""Residual that lasts in one moment alone: the cause is outside the library.
+"""Residual that lasts in one response alone: the cause is outside the library.
 
-Noise of the instruments does not last, and moving air, wrong readings and errors of the form act on several responses.
-Slow errors of accelerometers and weak gusts show in one force, but hardly in moments. A prediction error does not show
-such a residual, because the past of a slow residual predicts the rest of it.
+Moving air, wrong readings and errors of the form act on several responses. Noise of the instruments hardly lasts in
+moments; in forces it may last as far as it is white, and only what exceeds that counts. A prediction error does not
+show such a residual, because the past of a slow residual predicts the rest of it.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.formatting import format_percent
-from structsel.nomenclature import COEFFICIENTS, MOMENT_COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
+from structsel.numerics.signal_quality import noise_std_from_differences
 
 _MEAN, _APART = 0.3, 0.6  # s, means of the residual and the time between two of them; noise is shorter
 _FEWEST = 3  # responses of which one can be alone
@@ -24,9 +25,14 @@ _OTHERS = 2.5
 """Factor on the second largest lasting residual, up to which the largest may have the same cause. Of 30 correct
 simulations in turbulence (proof, seeds from 1100000 and 1102000) the largest is 1.8 times the second at most."""
 _EVEN, _SCALE = 0.024, 0.003
-"""Lasting residual of a moment beyond that of the others, relative to its variation, at which a mismatch is as probable
-as none, and its scale. Of 112 correct simulations of the same seeds it is 0.008 at most; of 16 with an effect outside
-the library in a moment it is 0.028 or more in ten. In forces correct simulations have up to 0.077."""
+"""Lasting residual beyond that of the others, relative to the response's variation, at which a mismatch is as probable
+as none, and its scale. In moments of 112 correct simulations of the same seeds it is 0.008 at most; of 16 with an
+effect outside the library in a moment it is 0.028 or more in ten."""
+_OF_INSTRUMENTS = {"CX": 0.75, "CY": 0.75, "CZ": 1.75}
+"""Lasting residual of a force over its white noise, beyond that of the other of CX and CY, up to which its instruments
+may be the cause: accelerometers of one unit have similar noise, and CZ has the noise of alpha too. Of 63 correct
+simulations in calm air (development seeds from 93300, and evaluation 1112000) it is 0.5, 0.5 and 1.4 at most where no
+other response lasts as much; of eight with an effect outside the library in CX or CZ alone it is 1.0 to 6.3."""
 _ACCURATE, _ACCURACY_SCALE = 0.02, 0.002
 """Lasting residual of the others up to which they are as accurate as noise and form allow, and its scale. With the
 sixteen effects outside the library it is 0.018 at most where the moment shows. On real recordings, where the moment
@@ -35,23 +41,26 @@ has 3 to 12 times as much in correct simulations too, it is 0.026 (HFB-320) to 0
 
 @dataclass(frozen=True)
 class IsolatedResidual:
-    """The moment whose residual lasts most of all coefficients.
+    """The response whose residual lasts most of all coefficients.
 
     Attributes
     ----------
     response : str
     size, others : float [-]
         Its lasting residual and the largest of the other coefficients, each over the rms by which it varies.
+    expected : float [-]
+        What instruments, and the form of a simulation that is not exact, may leave of it, in the same unit.
     """
 
     response: str
     size: float
     others: float
+    expected: float = 0.0
 
     @property
     def probability(self) -> float:
-        """Probability of a mismatch of this moment alone."""
-        beyond = np.sqrt(max(0.0, self.size**2 - (_OTHERS * self.others) ** 2))
+        """Probability of a mismatch of this response alone."""
+        beyond = np.sqrt(max(0.0, self.size**2 - (_OTHERS * self.others) ** 2 - self.expected**2))
         odds = (beyond - _EVEN) / _SCALE, (_ACCURATE - self.others) / _ACCURACY_SCALE
         return float(np.prod(scipy.special.expit(odds)))
 
@@ -64,20 +73,42 @@ class IsolatedResidual:
         )
 
 
-def find_isolated(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> IsolatedResidual | None:
-    """The moment whose residual lasts most; None if that of a force does, or with too few coefficients.
+def find_isolated(
+    flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]], form: Mapping[str, float]
+) -> IsolatedResidual | None:
+    """The response whose residual lasts most; None with too few coefficients.
 
     Parameters
     ----------
     flights : sequence of Flight
     residuals : sequence of mapping of response to (n,) array
         Per flight.
+    form : mapping of response to float
+        Rms that the form of the simulation is known to leave, over the rms by which the response varies.
     """
     lasting = lasting_residuals(flights, residuals)
     if len(lasting) < _FEWEST:
         return None
     (first, size), (_, others), *_ = sorted(lasting.items(), key=lambda item: -item[1])
-    return IsolatedResidual(first, size, others) if first in MOMENT_COEFFICIENTS else None
+    return IsolatedResidual(
+        first, size, others, float(np.hypot(_of_instruments(flights, lasting, first), form.get(first, 0.0)))
+    )
+
+
+def _of_instruments(flights: Sequence[Flight], lasting: Mapping[str, float], response: str) -> float:
+    """Lasting residual that the instruments may cause, over the rms by which the response varies."""
+    if response not in _OF_INSTRUMENTS:
+        return 0.0
+    beside = [lasting[c] / _white(flights, c) for c in ("CX", "CY") if c in lasting and c != response]
+    return (_OF_INSTRUMENTS[response] + max(beside, default=0.0)) * _white(flights, response)
+
+
+def _white(flights: Sequence[Flight], response: str) -> float:
+    """White noise of a coefficient, over the rms by which it varies; infinite of readings that hold their values."""
+    levels = np.array([noise_std_from_differences(np.diff(f.measured[response], 3)) for f in flights])
+    if not levels.all():
+        return np.inf
+    return float(np.sqrt(np.mean(levels**2)) / np.concatenate([f.measured[response] for f in flights]).std())
 
 
 def lasting_residuals(flights: Sequence[Flight], residuals: Sequence[Mapping[str, Array]]) -> dict[str, float]:
