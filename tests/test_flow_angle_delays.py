@@ -122,6 +122,14 @@ def test_a_simulation_evaluated_at_delayed_readings_has_a_delay_as_finding(calm)
     assert found.findings[0].physics[0].parameters["delay of alpha"].value == pytest.approx(DELAY, abs=0.01)
 
 
+def test_a_delay_that_may_not_be_named_is_removed_without_a_finding(calm):
+    recordings, aircraft = calm
+    delayed = [late(r, DELAY, "alpha") for r in recordings]
+    found = ss.diagnose(DEMO, delayed, aircraft, without_effects=["sensor-delay"])
+    assert "sensor-delay" not in {p.effect for f in found.findings for p in f.physics}
+    assert any("delay of the angle of attack by 0.2" in remark for remark in found.remarks)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings (../shared/data) are not here")
 def test_hfb_320_has_a_delay_that_a_model_from_its_own_recordings_has_too():

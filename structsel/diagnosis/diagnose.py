@@ -180,7 +180,8 @@ def conclude(
         findings += find_unknown(ranking, left, responses, ceiling)
         if not findings:
             findings += detected(ranking, responses)
-    findings = [*removed_delays(prepared, responses), *findings]
+    if library.may_name("sensor-delay"):
+        findings = [*removed_delays(prepared, responses), *findings]
     verdict: Verdict = "mismatch" if findings else "consistent"
     if single and findings:
         verdict = "undecidable"

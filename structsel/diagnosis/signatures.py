@@ -66,6 +66,10 @@ class Library:
     signatures: tuple[Signature, ...]
     not_testable: Mapping[str, str]
 
+    def may_name(self, effect: str) -> bool:
+        """Whether an effect may be a finding, whether these flights can test it or not."""
+        return effect in self.not_testable or bool(self.of(effect))
+
     def of(self, effect: str) -> list[Signature]:
         """Forms of one effect."""
         return [s for s in self.signatures if s.hypothesis.name == effect]
