@@ -35,11 +35,11 @@ def test_a_wave_lasts_by_its_own_correlation_and_noise_hardly_does():
 @pytest.mark.parametrize(
     ("size", "others", "low", "high"),
     [
-        (0.05, 0.010, 0.95, 1.0),  # alone
-        (0.05, 0.020, 0.0, 0.5),  # others are not accurate
+        (0.06, 0.010, 0.95, 1.0),  # alone
+        (0.06, 0.020, 0.0, 0.5),  # others are not accurate
         (0.10, 0.030, 0.0, 0.05),
-        (0.03, 0.012, 0.0, 0.05),  # as much as others may have
-        (0.02, 0.000, 0.05, 0.3),  # little
+        (0.04, 0.016, 0.0, 0.05),  # as much as others may have
+        (0.03, 0.000, 0.05, 0.3),  # little
     ],
 )
 def test_it_is_a_mismatch_where_it_is_large_beside_accurate_others(size, others, low, high):
@@ -54,7 +54,7 @@ def test_the_response_that_lasts_most_is_alone_among_three_coefficients():
     moment = find_isolated([FLIGHT], [{"CX": slow(0.01), "CZ": slow(0.005), "Cm": slow(0.1)}], {})
     assert moment is not None
     assert moment.response == "Cm"
-    assert moment.size == pytest.approx(10.0 * moment.others)
+    assert moment.others == 0.0  # far less than the noise of the forces
     assert moment.expected == 0.0
     assert find_isolated([FLIGHT], [{"CZ": slow(0.01), "Cm": slow(0.1)}], {}) is None
 
@@ -93,10 +93,29 @@ def test_a_force_is_alone_beyond_what_its_instruments_may_have(response, size, b
 
 
 def test_the_form_of_a_simulation_may_leave_a_residual_that_lasts():
-    moment = find_isolated([FLIGHT], [{"CX": slow(0.01), "CZ": slow(0.005), "Cm": slow(0.1)}], {"Cm": 0.07})
+    left = [{"CX": slow(0.01), "CZ": slow(0.005), "Cm": slow(0.1)}]
+    moment = find_isolated([FLIGHT], left, {"Cm": 0.07})
     assert moment is not None
     assert moment.expected == 0.07
     assert moment.probability < 0.05
+    inexact = find_isolated([FLIGHT], left, {"CX": 0.05})
+    assert inexact is not None
+    assert (inexact.others, inexact.expected) == (0.05, 0.0)
+    assert inexact.probability < 0.01
+
+
+def test_usual_noise_of_the_other_instruments_does_not_count():
+    unit = slow(WHITE / np.sqrt(0.5 * np.cos(0.6)) / np.sinc(0.3 / (2.0 * np.pi)))
+    quiet, loud = (
+        find_isolated([noisy_forces()], [{"CX": x * unit, "CY": 0.0 * unit, "CZ": 0.0 * unit, "Cm": unit}], {})
+        for x in (0.3, 0.7)
+    )
+    assert quiet is not None
+    assert loud is not None
+    assert quiet.others == 0.0
+    assert quiet.probability > 0.95
+    assert loud.others > 0.05
+    assert loud.probability < 0.01
 
 
 def test_a_force_that_holds_its_values_is_not_judged():

@@ -24,7 +24,7 @@ _FEWEST = 3  # responses of which one can be alone
 _OTHERS = 2.5
 """Factor on the second largest lasting residual, up to which the largest may have the same cause. Of 30 correct
 simulations in turbulence (proof, seeds from 1100000 and 1102000) the largest is 1.8 times the second at most."""
-_EVEN, _SCALE = 0.024, 0.003
+_EVEN, _SCALE = 0.035, 0.003
 """Lasting residual beyond that of the others, relative to the response's variation, at which a mismatch is as probable
 as none, and its scale. In moments of 112 correct simulations of the same seeds it is 0.008 at most; of 16 with an
 effect outside the library in a moment it is 0.028 or more in ten."""
@@ -33,6 +33,9 @@ _OF_INSTRUMENTS = {"CX": 0.75, "CY": 0.75, "CZ": 1.75}
 may be the cause: accelerometers of one unit have similar noise, and CZ has the noise of alpha too. Of 63 correct
 simulations in calm air (development seeds from 93300, and evaluation 1112000) it is 0.5, 0.5 and 1.4 at most where no
 other response lasts as much; of eight with an effect outside the library in CX or CZ alone it is 1.0 to 6.3."""
+_QUIET = 0.45
+"""Fraction of this that does not count in the other responses. Where their instruments have more noise that lasts, so
+may those of the response in question: correct simulations with such noise in all instruments have up to 0.045 in Cm."""
 _ACCURATE, _ACCURACY_SCALE = 0.02, 0.002
 """Lasting residual of the others up to which they are as accurate as noise and form allow, and its scale. With the
 sixteen effects outside the library it is 0.018 at most where the moment shows. On real recordings, where the moment
@@ -47,7 +50,8 @@ class IsolatedResidual:
     ----------
     response : str
     size, others : float [-]
-        Its lasting residual and the largest of the other coefficients, each over the rms by which it varies.
+        Its lasting residual; and the largest of the other coefficients beyond usual noise of their instruments, or
+        what the form of the simulation leaves of one, if that is more; each over the rms by which it varies.
     expected : float [-]
         What instruments, and the form of a simulation that is not exact, may leave of it, in the same unit.
     """
@@ -89,10 +93,12 @@ def find_isolated(
     lasting = lasting_residuals(flights, residuals)
     if len(lasting) < _FEWEST:
         return None
-    (first, size), (_, others), *_ = sorted(lasting.items(), key=lambda item: -item[1])
-    return IsolatedResidual(
-        first, size, others, float(np.hypot(_of_instruments(flights, lasting, first), form.get(first, 0.0)))
-    )
+    noise = {c: ratio * _white(flights, c) for c, ratio in _OF_INSTRUMENTS.items() if c in lasting}
+    beyond = {c: float(np.sqrt(max(0.0, x**2 - (_QUIET * noise.get(c, 0.0)) ** 2))) for c, x in lasting.items()}
+    first, second, *_ = sorted(beyond, key=lambda c: -beyond[c])
+    expected = np.hypot(_of_instruments(flights, lasting, first), form.get(first, 0.0))
+    inexact = max((x for c, x in form.items() if c in lasting and c != first), default=0.0)
+    return IsolatedResidual(first, lasting[first], max(beyond[second], inexact), float(expected))
 
 
 def _of_instruments(flights: Sequence[Flight], lasting: Mapping[str, float], response: str) -> float:
