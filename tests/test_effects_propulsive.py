@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from structsel.effects.changes import steps
 from structsel.effects.propulsive import EFFECTS
 from structsel.recording import Recording
 from structsel.simulation import Actuator
@@ -122,3 +123,14 @@ def test_terms_of_a_thrust_that_hardly_changes_are_derivatives(change, told):
         flights.append(replace(f, channels={**f.channels, "thrust": thrust}))
     for name in ("slipstream", "propeller-normal-force"):
         assert (effect_named(name).needs(flights) == "") is told
+
+
+def test_the_time_of_a_step_is_sought_in_what_it_multiplies():
+    # Half the thrust is lost on one side at 8 s, and the throttle is closed at 14 s: what is seen is a pulse.
+    flight = compare(fly())[0]
+    thrust = np.where(flight.t < 14.0, 1.0, 0.1)
+    flight.measured["Cn"][:] = flight.simulated["Cn"] - np.where(flight.t >= 8.0, 0.002 * thrust, 0.0)
+    ((multiplied,), _), *_ = steps([flight], "Cn", lambda f: thrust)
+    ((plain,), _), *_ = steps([flight], "Cn", lambda f: np.ones(len(f)))
+    assert_allclose(multiplied.start, 8.0, atol=0.03)  # to the sample
+    assert multiplied.gain > 2.0 * plain.gain

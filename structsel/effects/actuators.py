@@ -22,7 +22,7 @@ from structsel.effects.base import (
     Variant,
     Weights,
 )
-from structsel.effects.changes import confined
+from structsel.effects.confining import confined
 from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.model_forms import MakeModel, add_term, derivative, one_hot, state_after
 from structsel.effects.operators import spaced

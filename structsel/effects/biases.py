@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.changes import ChangeSearch, SoughtChange
+from structsel.effects.changes import ChangeSearch, Event, added, alone, from_then_on, times_of
 from structsel.effects.lasting_changes import lasting_changes
-from structsel.effects.operators import changes, onsets_in_words, shape_of, since
+from structsel.effects.operators import shape_of
 from structsel.effects.readings import AIR, ATTITUDE, INERTIAL, Errors, present, wrong_readings
-from structsel.effects.signals import CONTROLS, gathered
+from structsel.effects.signals import CONTROLS, Column, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, shown
-from structsel.nomenclature import LATERAL_COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, LATERAL_COEFFICIENTS
 
 _ANGLES = ("alpha", "beta", *ATTITUDE, *CONTROLS)
 _SIZE = {**dict.fromkeys(_ANGLES, 0.01), **dict.fromkeys("pqr", 0.005), **dict.fromkeys(("ax", "ay", "az"), 0.15)}
@@ -31,7 +32,7 @@ _CLEAREST = 2  # jumps of one manoeuvre alone that are tried
 def bias_variants(flights: Flights) -> list[Variant]:
     """Forms of a bias; a constant in each manoeuvre goes free, so far as it shifts a response by a constant."""
     made = []
-    single = [dict([change]) for change in changes(flights, flights[0].responses, _CLEAREST)]
+    anywhere = alone(ChangeSearch.of(flights, COEFFICIENTS).find(each=1))[:_CLEAREST]
     for channel in present(flights, (*AIR, *INERTIAL, *ATTITUDE, *CONTROLS)):
         sd, unit, name = _sd(flights, channel), _UNIT[channel], INSTRUMENTS[channel]
         constant = EffectParameter("bias", unit, sd, -10.0 * sd, 10.0 * sd)
@@ -40,19 +41,22 @@ def bias_variants(flights: Flights) -> list[Variant]:
             Variant((constant,), wrong_readings(partial(_level, channel=channel)), about=name),
             Variant((drift,), wrong_readings(partial(_drift, channel=channel)), about=f"{name}, drifting"),
         ]
-        search = ChangeSearch.of(flights, _SHOWS.get(channel, ()))
-        several = search.together(search.find(), both_signs=False)
-        for times in (*single, *({one.flight: one.start for one in jumped} for jumped, _ in several)):
-            errors = partial(_since, channel=channel, times=times)
-            shape = shape_of(times)
-            name_and_times = f"{name}, {onsets_in_words(times)}"
-            made.append(Variant((constant,), wrong_readings(errors), shape, dict.fromkeys(shape, "s"), name_and_times))
-        for change in lasting_changes(flights, _SHOWS.get(channel, ()), undone=False):
-            shape = shape_of(change.times)
-            errors = partial(_changed, channel=channel, change=change)
-            name_and_times = f"{name}, from {change.when} on"
-            made.append(Variant((constant,), wrong_readings(errors), shape, dict.fromkeys(shape, "s"), name_and_times))
+        for event in _jumps(flights, _SHOWS[channel]) if channel in _SHOWS else anywhere:
+            shape = shape_of(times_of(event))
+            jumped = partial(_changed, channel=channel, along=added(*event))
+            about_and_times = f"{name}, {from_then_on(event)}"
+            made.append(Variant((constant,), wrong_readings(jumped), shape, dict.fromkeys(shape, "s"), about_and_times))
     return made
+
+
+def _jumps(flights: Flights, responses: Sequence[str]) -> list[Event]:
+    """When a reading may have jumped that shows in some responses."""
+    search = ChangeSearch.of(flights, responses)
+    return [
+        *alone(search.find(each=1))[:_CLEAREST],
+        *search.together(search.find(), both_signs=False),
+        *alone(lasting_changes(flights, responses, undone=False)),
+    ]
 
 
 def _sd(flights: Flights, channel: str) -> float:
@@ -67,12 +71,8 @@ def _drift(flight: Flight, channel: str) -> list[Errors]:
     return [{channel: (flight.t - flight.t[0]) / 60.0}]
 
 
-def _since(flight: Flight, channel: str, times: dict[str, float]) -> list[Errors]:
-    return [{channel: since(flight, times)}]
-
-
-def _changed(flight: Flight, channel: str, change: SoughtChange) -> list[Errors]:
-    return [{channel: change.along(flight)}]
+def _changed(flight: Flight, channel: str, along: Column) -> list[Errors]:
+    return [{channel: along(flight)}]
 
 
 def bias_says(found: FittedEffect) -> str:

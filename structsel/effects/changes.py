@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Flights, Variant
+from structsel.effects.base import Flights
 from structsel.effects.signals import CHANNELS_OF, Column, held, moves
 from structsel.numerics.arrays import Array
 
@@ -96,14 +96,17 @@ class ChangeSearch:
     manoeuvres: Sequence[tuple[Sought, Sought]]
 
     @classmethod
-    def of(cls, flights: Flights, responses: Sequence[str]) -> ChangeSearch:
-        """In some responses, of the manoeuvres that have all of them."""
+    def of(cls, flights: Flights, responses: Sequence[str], factor: Column | None = None) -> ChangeSearch:
+        """In some responses, of the manoeuvres that have all of them; a change is multiplied by `factor`, if any."""
         wanted = held(flights, responses)
         channels = [c for c in dict.fromkeys(c for r in wanted for c in CHANNELS_OF[r]) if moves(flights, c)]
         there = [f for f in flights if wanted and all(r in f.measured for r in wanted)]
         return cls(
             [
-                (Sought.of([f], wanted, channels, max(1, round(_BLOCK / f.dt))), Sought.of([f], wanted, channels, 1))
+                (
+                    Sought.of([f], wanted, channels, max(1, round(_BLOCK / f.dt)), factor),
+                    Sought.of([f], wanted, channels, 1, factor),
+                )
                 for f in there
             ]
         )
@@ -136,6 +139,8 @@ class ChangeSearch:
         made: list[Event] = []
         for duration in dict.fromkeys(change.duration for change in changes):
             first = next(change for change in changes if change.duration == duration)
+            if not first.size.any():
+                continue
             step, alike, signs = first.size * levels[first.flight], [first], {first.flight: 1.0}
             for _ in range(_ROUNDS):
                 alike = [one for pair in self.manoeuvres if (one := _like(*pair, step, duration)) is not None]
@@ -162,10 +167,18 @@ class Sought:
     t: Array
     basis: Array
     left: Array
+    factor: Array
 
     @classmethod
-    def of(cls, flights: Flights, responses: Sequence[str], channels: Sequence[str], step: int) -> Sought:
-        """Averaged over `step` samples; the name is that of the first manoeuvre."""
+    def of(
+        cls,
+        flights: Flights,
+        responses: Sequence[str],
+        channels: Sequence[str],
+        step: int,
+        factor: Column | None = None,
+    ) -> Sought:
+        """Averaged over `step` samples; the name is that of the first manoeuvre. A change is multiplied by `factor`."""
 
         def prepared(columns: Callable[[Flight], Sequence[Array]]) -> Array:
             return np.concatenate(
@@ -175,7 +188,8 @@ class Sought:
         y = _centred(prepared(lambda f: [f.difference[r] for r in responses]))
         basis = _basis(_centred(prepared(lambda f: [f[c] for c in channels])))
         t = prepared(lambda f: [f.t])[:, 0]
-        return cls(flights[0].name, t, basis, y - basis @ (basis.T @ y))
+        by = prepared(lambda f: [np.ones(len(f)) if factor is None else factor(f)])
+        return cls(flights[0].name, t, basis, y - basis @ (basis.T @ y), by)
 
     def starts(self, duration: float) -> Array:
         """Times at which a change may begin."""
@@ -210,7 +224,7 @@ class Sought:
 
     def _courses(self, starts: Array, duration: float) -> Array:
         """(n, s) changes from each start, centred."""
-        return _centred(ramp(self.t[:, None], starts, duration))
+        return _centred(self.factor * ramp(self.t[:, None], starts, duration))
 
     def gains(self, explained: Array) -> Array:
         """(s,) gains of changes that take (s, r) of the sums of squares of the responses."""
@@ -246,7 +260,7 @@ class Sought:
 
 def _separable(total: Array, described: Array) -> Array:
     """Sums of squares without the part that channels describe: what they describe completely cannot be separated."""
-    return np.maximum(total - described, _OWN * total)
+    return np.maximum(np.maximum(total - described, _OWN * total), 1e-30)
 
 
 def _basis(x: Array) -> Array:
@@ -267,6 +281,39 @@ def _centred(x: Array) -> Array:
 
 Event = tuple[tuple[SoughtChange, ...], Array]
 """Changes that have one cause, and the sign of each."""
+
+
+def steps(flights: Flights, response: str, factor: Column) -> list[Event]:
+    """What begins at once and stays: the clearest step of each manoeuvre alone, and those with one cause and sign.
+
+    Parameters
+    ----------
+    flights : sequence of Flight
+    response : str
+        In which steps are sought, if the flights have it.
+    factor : callable
+        What a step is multiplied by.
+    """
+    search = ChangeSearch.of(flights, (response,), factor)
+    found = search.find(each=1)
+    return [*alone(found), *search.together(found, both_signs=False)]
+
+
+def when(event: Event) -> str:
+    """Recordings and times, in words."""
+    return ", ".join(change.when for change in event[0])
+
+
+def from_then_on(event: Event) -> str:
+    """The same of what stays."""
+    return ", ".join(
+        f"from {one.when} on" if one.later else f"in '{one.flight}' from {one.start:.1f} s on" for one in event[0]
+    )
+
+
+def times_of(event: Event) -> dict[str, float]:
+    """Times [s] that were sought, by where they are."""
+    return {where: when for change in event[0] for where, when in change.times.items()}
 
 
 def alone(changes: Sequence[SoughtChange]) -> list[Event]:
@@ -293,39 +340,3 @@ def added(changes: Sequence[SoughtChange], signs: Array) -> Column:
         return made
 
     return column
-
-
-def confined(flights: Flights, variant: Variant) -> Variant | None:
-    """The same, in those manoeuvres only in which the differences have it; None where that is all of them, or one.
-
-    Parameters
-    ----------
-    flights : sequence of Flight
-    variant : Variant
-        Of one parameter.
-    """
-    power = {r: sum(float(f.difference[r].var()) for f in flights) for r in flights[0].difference}
-    with_difference, with_itself = np.array([_products(variant, f, power) for f in flights]).T
-    sizes = with_difference / np.maximum(with_itself, 1e-30)
-    best: tuple[float, tuple[str, ...]] = (0.0, ())
-    for sign in (1.0, -1.0):
-        order = np.argsort(-sign * sizes)
-        explained = np.cumsum(sign * with_difference[order])
-        explained = np.maximum(explained, 0.0) ** 2 / np.maximum(np.cumsum(with_itself[order]), 1e-30)
-        best_count = int(np.argmax(explained))
-        best = max(
-            best, (float(explained[best_count]), tuple(sorted(flights[i].name for i in order[: best_count + 1])))
-        )
-    on = best[1]
-    if not 1 < len(on) < len(flights):
-        return None
-    return replace(variant, columns=lambda flight: variant.columns(flight) if flight.name in on else {}, only_in=on)
-
-
-def _products(variant: Variant, flight: Flight, power: Mapping[str, float]) -> tuple[float, float]:
-    """Sums over responses of a form's column with the difference, and with itself, each over the response's power."""
-    total = np.zeros(2)
-    for response, column in variant.columns(flight).items():
-        x, y = _centred(column[:, 0]), _centred(flight.difference[response])
-        total += np.array([x @ y, x @ x]) / max(power[response], 1e-30)
-    return float(total[0]), float(total[1])

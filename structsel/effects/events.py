@@ -9,7 +9,7 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.comparison.surrogate import CONFIGURATION
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.changes import ChangeSearch, SoughtChange, added, alone
+from structsel.effects.changes import ChangeSearch, Event, added, alone, times_of, when
 from structsel.effects.ice import ice_says, ice_variants
 from structsel.effects.lasting_changes import lasting_changes
 from structsel.effects.operators import shape_of
@@ -69,23 +69,22 @@ def _unrecorded(flights: Flights) -> list[Variant]:
     found = search.find(_DURATIONS)
     lasting = alone(lasting_changes(flights, LONGITUDINAL_COEFFICIENTS, _DURATIONS))
     return [
-        Variant(sizes, _increments(added(one, signs), None, 0.0), _times(one), _seconds(one), _when(one))
-        for one, signs in [*alone(found), *search.together(found), *lasting]
+        Variant(sizes, _increments(added(*event), None, 0.0), _times(event), _seconds(event), _when(event))
+        for event in [*alone(found), *search.together(found), *lasting]
     ]
 
 
-def _times(changes: Sequence[SoughtChange]) -> dict[str, float]:
-    return shape_of({k: v for c in changes for k, v in c.times.items()}) | {"duration": changes[0].duration}
+def _times(event: Event) -> dict[str, float]:
+    return shape_of(times_of(event)) | {"duration": event[0][0].duration}
 
 
-def _seconds(changes: Sequence[SoughtChange]) -> dict[str, str]:
-    return dict.fromkeys(_times(changes), "s")
+def _seconds(event: Event) -> dict[str, str]:
+    return dict.fromkeys(_times(event), "s")
 
 
-def _when(changes: Sequence[SoughtChange]) -> str:
-    places = ", ".join(c.when for c in changes)
-    took = changes[0].duration
-    return f"{places}{f', within {took:g} s' if took else ', at once'}"
+def _when(event: Event) -> str:
+    took = event[0][0].duration
+    return f"{when(event)}{f', within {took:g} s' if took else ', at once'}"
 
 
 def _says_configuration(found: FittedEffect) -> str:
@@ -117,12 +116,12 @@ def _releases(flights: Flights) -> list[Variant]:
     return [
         Variant(
             _RELEASE,
-            _released(added(one, np.ones(len(one))), inertia),
-            _times(one),
-            _seconds(one),
-            f"{_when(one)}, from {place}",
+            _released(added(*event), inertia),
+            _times(event),
+            _seconds(event),
+            f"{_when(event)}, from {place}",
         )
-        for one, _ in [*alone(changes), *search.together(changes, both_signs=False), *alone(lasting)]
+        for event in [*alone(changes), *search.together(changes, both_signs=False), *alone(lasting)]
         for place, inertia in _WHERE.items()
     ]
 

@@ -13,8 +13,9 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant
+from structsel.effects.changes import added, alone, from_then_on, steps, times_of, when
 from structsel.effects.lasting_changes import lasting_changes
-from structsel.effects.operators import onsets, onsets_in_words, oscillate, peaks, shape_of, since, spaced
+from structsel.effects.operators import oscillate, peaks, shape_of, spaced
 from structsel.effects.signals import Parts, coefficients, held, lacking, of_parts
 from structsel.nomenclature import FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.air_data import cross
@@ -25,7 +26,6 @@ _SLOSH = (0.25, 2.0)  # Hz
 _SLOSH_FREQUENCIES = 17  # 14 % apart, as far as the wider of the resonances is wide
 _SLOSH_DAMPINGS = (0.025, 0.08)
 _AROUND = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
-_ONSETS = 4  # manoeuvres in which the centre of gravity may move
 _DURATIONS = (0.0, 5.0, 10.0)  # s, of a shift: a tank that empties, a passenger who walks
 
 
@@ -102,6 +102,12 @@ def _off_centre(
     return [(r, j, -much * m / length) for r, m, length in zip(MOMENT_COEFFICIENTS, arm, lengths)]
 
 
+def _arm(flight: Flight, axis: int, response: str) -> Array:
+    """Moment about a centre of gravity that lies 1 m along an axis from the stated one."""
+    (made,) = (x for r, _, x in _off_centre(flight, 0, axis) if r == response)
+    return made
+
+
 def _off_centres(flight: Flight, axes: Sequence[int], pushed: bool) -> Parts:
     return [part for j, axis in enumerate(axes) for part in _off_centre(flight, j, axis, pushed=pushed)]
 
@@ -130,23 +136,19 @@ def _shift_variants(flights: Flights) -> list[Variant]:
     for axis, moment in ((0, "Cm"), (1, "Cl"), (2, "Cm")):
         columns = partial(_off_centre_in, axis=axis, moment=moment)
         made.append(of_parts((_shift(flights, axis),), columns, f"in all manoeuvres, in {moment} alone"))
-    for axis, responses in ((0, ("Cm",)), (1, ("Cl", "Cn")), (2, ("Cm",))):
-        for times in onsets(flights, responses, _ONSETS):
-            shape = shape_of(times)
-            made.append(
-                of_parts(
-                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=partial(since, times=times)),
-                    onsets_in_words(times), (), shape, dict.fromkeys(shape, "s"),
-                )
-            )  # fmt: skip
-        for change in lasting_changes(flights, responses, _DURATIONS):
-            shape = shape_of(change.times)
-            made.append(
-                of_parts(
-                    (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=change.along),
-                    change.when, (), shape, dict.fromkeys(shape, "s"),
-                )
-            )  # fmt: skip
+    for axis, response in ((0, "Cm"), (1, "Cl"), (2, "Cm")):
+        arm = partial(_arm, axis=axis, response=response)
+        begun = steps(flights, response, arm)
+        lasting = alone(lasting_changes(flights, (response,), _DURATIONS, factor=arm))
+        for words, events in ((from_then_on, begun), (when, lasting)):
+            for event in events:
+                shape = shape_of(times_of(event))
+                made.append(
+                    of_parts(
+                        (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=added(*event)),
+                        words(event), (), shape, dict.fromkeys(shape, "s"),
+                    )
+                )  # fmt: skip
         if len(flights) > 2:
             made.append(
                 of_parts(

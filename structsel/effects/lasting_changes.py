@@ -13,7 +13,7 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Flights
 from structsel.effects.changes import LEAST_DISTANCE, Sought, SoughtChange
-from structsel.effects.signals import CHANNELS_OF, held, moves
+from structsel.effects.signals import CHANNELS_OF, Column, held, moves
 from structsel.numerics.arrays import Array
 
 _BLOCK = 0.5  # s, over which differences are averaged
@@ -21,7 +21,12 @@ _MOST_BLOCKS = 1000  # of all recordings of a flight; longer flights have longer
 
 
 def lasting_changes(
-    flights: Flights, responses: Sequence[str], durations: Sequence[float] = (0.0,), *, undone: bool = True
+    flights: Flights,
+    responses: Sequence[str],
+    durations: Sequence[float] = (0.0,),
+    *,
+    undone: bool = True,
+    factor: Column | None = None,
 ) -> list[SoughtChange]:
     """Clearest change of each flight of several recordings that stays, and the clearest that is undone.
 
@@ -34,6 +39,8 @@ def lasting_changes(
         Of the change.
     undone : bool
         Whether it may be undone.
+    factor : callable, optional
+        What a change is multiplied by.
     """
     wanted = held(flights, responses)
     if not wanted:
@@ -46,7 +53,7 @@ def lasting_changes(
             continue
         dt = chain[0].dt
         step = max(1, round(_BLOCK / dt), -(-sum(map(len, chain)) // _MOST_BLOCKS))
-        sought = Sought.of(chain, wanted, channels, step)
+        sought = Sought.of(chain, wanted, channels, step, factor)
         for duration in durations:
             starts = sought.starts(duration)
             made += [_placed(one, chain) for one in sought.best(starts, duration, 1)]

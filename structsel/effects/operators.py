@@ -14,19 +14,14 @@ from structsel.comparison.flight import Flight
 from structsel.numerics.arrays import Array
 
 __all__ = [
-    "changes",
     "more_and_more",
-    "onsets",
-    "onsets_in_words",
     "oscillate",
     "peaks",
     "pulse",
     "pulses",
     "shape_of",
     "shared_pulses",
-    "since",
     "spaced",
-    "step_at",
 ]
 
 _BINS = 256
@@ -71,49 +66,15 @@ def _second_order(w: float, damping: float) -> tuple[Array, Array]:
     return np.convolve(np.convolve(ramp, [1.0, -2.0, 1.0])[:3], a)[:3], a
 
 
-def step_at(t: Array, when: float) -> Array:
-    """Zero, and one from `when` on."""
-    return (t >= when).astype(float)
-
-
 def pulse(t: Array, when: float, length: float) -> Array:
     """One minus cosine, of height 1, about `when`."""
     phase = np.clip((t - when) / length, -0.5, 0.5)
     return 0.5 * (1.0 + np.cos(2.0 * np.pi * phase))
 
 
-def changes(flights: Sequence[Flight], responses: Sequence[str], count: int) -> list[tuple[str, float]]:
-    """Where the level of the differences changes most: manoeuvre and time [s], the clearest first, one of each.
-
-    Parameters
-    ----------
-    flights : sequence of Flight
-    responses : sequence of str
-        Those looked at.
-    count : int
-        Of changes returned.
-    """
-    return _clearest(flights, responses, count, _steps)
-
-
-def onsets(flights: Sequence[Flight], responses: Sequence[str], count: int) -> list[dict[str, float]]:
-    """Times [s] by manoeuvre from which something may act: each of the clearest `changes` alone, then more and more."""
-    return more_and_more(changes(flights, responses, count))
-
-
 def more_and_more(clearest: Sequence[tuple[str, float]]) -> list[dict[str, float]]:
     """Times [s] by manoeuvre: each of the clearest alone, then more and more of them together."""
     return [{where: when} for where, when in clearest] + [dict(clearest[:n]) for n in range(2, len(clearest) + 1)]
-
-
-def since(flight: Flight, times: Mapping[str, float]) -> Array | float:
-    """One from a manoeuvre's own time on, nothing in manoeuvres that have none."""
-    return step_at(flight.t, times[flight.name]) if flight.name in times else 0.0
-
-
-def onsets_in_words(times: Mapping[str, float]) -> str:
-    """In words."""
-    return ", ".join(f"in '{where}' from {when:.1f} s on" for where, when in times.items())
 
 
 def shape_of(times: Mapping[str, float]) -> dict[str, float]:
@@ -196,11 +157,3 @@ def _clearest(
         i = edge + int(np.argmax(total[edge:-edge]))
         found.append((float(total[i]), f.name, float(f.t[i])))
     return [(name, when) for _, name, when in sorted(found, reverse=True)[:count]]
-
-
-def _steps(x: Array, dt: float) -> Array:
-    n = len(x)
-    k = np.arange(1, n)
-    made = np.zeros(n)
-    made[1:] = np.abs(np.cumsum(x - x.mean())[:-1]) / np.sqrt(k * (n - k) / n)
-    return made

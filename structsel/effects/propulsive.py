@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -11,10 +11,11 @@ import numpy as np
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, ModelCase, ModelForm, Variant
+from structsel.effects.changes import added, alone, from_then_on, steps, times_of
 from structsel.effects.lasting_changes import lasting_changes
-from structsel.effects.operators import onsets, onsets_in_words, shape_of, since, spaced
+from structsel.effects.operators import shape_of, spaced
 from structsel.effects.propeller import propeller_variants, slipstream_variants
-from structsel.effects.signals import Parts, available, gathered, lacking, moves, of_parts, reach
+from structsel.effects.signals import Column, Parts, available, gathered, lacking, moves, of_parts, reach
 from structsel.effects.wording import percent
 from structsel.model import State
 from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
@@ -22,7 +23,6 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import first_order_lag
 
 _AXIAL = "along the axis alone"
-_ONSETS = 5  # manoeuvres in which thrust may become asymmetric
 _CHANGE = 0.2  # least range of the thrust coefficient over its largest value
 
 
@@ -191,7 +191,7 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
     def parts(f: Flight, on: Array | float) -> list[tuple[str, int, Array]]:
         return [("Cn", 0, -on * f["CT"] / aircraft.b), ("Cl", 1, on * f["CT"])]
 
-    def from_then_on(f: Flight, on: Callable[[Flight], Array | float]) -> Parts:
+    def begins(f: Flight, on: Column) -> Parts:
         return parts(f, on(f))
 
     made = [of_parts((arm, roll), lambda f: parts(f, 1.0), "all the time", ("CT",))]
@@ -202,14 +202,11 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
             return [("Cn", 0, difference / aircraft.b), ("Cl", 1, difference)]
 
         made.append(of_parts((arm, roll), halves, "as recorded left and right"))
-    begins: list[tuple[Callable[[Flight], Array | float], Mapping[str, float], str]] = [
-        (partial(since, times=times), times, onsets_in_words(times)) for times in onsets(flights, ("Cn", "Cl"), _ONSETS)
-    ]
-    begins += [(c.along, c.times, f"from {c.when} on") for c in lasting_changes(flights, ("Cn", "Cl"), undone=False)]
-    for on, times, about in begins:
-        shape = shape_of(times)
-        columns = partial(from_then_on, on=on)
-        made.append(of_parts((arm, roll), columns, about, (), shape, dict.fromkeys(shape, "s")))
+    begun = [*steps(flights, "Cn", lambda f: f["CT"]), *alone(lasting_changes(flights, ("Cn", "Cl"), undone=False))]
+    for event in begun:
+        shape = shape_of(times_of(event))
+        columns = partial(begins, on=added(*event))
+        made.append(of_parts((arm, roll), columns, from_then_on(event), (), shape, dict.fromkeys(shape, "s")))
     return made
 
 
