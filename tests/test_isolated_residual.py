@@ -6,11 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import structsel as ss
 from structsel.diagnosis.detection import Detection, detect
 from structsel.diagnosis.isolated import IsolatedResidual, find_isolated, lasting_residuals
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import with_detection
 from structsel.diagnosis.result import Event
+from structsel.recording import Recording
 from tests.noisy_flights import flights_with
 
 DT = 0.02
@@ -140,6 +142,19 @@ def test_a_periodic_response_is_detected_and_a_correct_simulation_has_none(respo
     assert found.probability > 0.9
     assert found.probability_by_rows < 0.5
     assert found.says.startswith(f"The residual of {response} lasts as that of no other response does: ")
+
+
+def test_a_periodic_force_is_unknown_and_its_residual_is_not_called_white():
+    recordings, aircraft, truth = ss.demo_flights(4, turbulence=0.0)
+    forced = []
+    for r in recordings:
+        channels = {c: r[c] for c in r.names if c != "t"}
+        channels["ax"] = channels["ax"] + 0.15 * np.sin(2.0 * np.pi * 0.37 * r.t)
+        forced.append(Recording(r.name, r.t, channels))
+    found = ss.diagnose(ss.AeroModel.from_terms(truth), forced, aircraft)
+    assert [(f.effect, f.axes) for f in found.findings] == [("unknown", ("CX",))]
+    assert found.findings[0].probability > 0.9
+    assert [c for c, (_, white) in found.remaining.items() if not white] == ["CX"]
 
 
 def test_its_probability_is_that_of_unknown():

@@ -33,7 +33,7 @@ from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.removed_delays import removed_delays
 from structsel.diagnosis.residuals import residuals
-from structsel.diagnosis.result import Diagnosis, ToleranceDeviation, Verdict
+from structsel.diagnosis.result import UNNAMED, Diagnosis, ToleranceDeviation, Verdict
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.selftest import self_test
 from structsel.diagnosis.signatures import Library, work_out
@@ -198,7 +198,7 @@ def conclude(
     else:
         judged = (turbulence and ranking.input_only) or ranking.problem
         deviations = _largest(zip(judged.nuisances, *judged.deviations))
-    remaining = _remaining(ranking, responses)
+    remaining = _remaining(ranking, responses, {c for f in findings if f.effect == UNNAMED for c in f.axes})
     remarks += [*exceeded_notes(deviations), *notes(ranking), *unpredicted(remaining)]
     return Diagnosis(
         verdict,
@@ -302,8 +302,11 @@ def unpredicted(remaining: Mapping[str, tuple[float, bool]]) -> list[str]:
     ]
 
 
-def _remaining(ranking: Ranking, responses: Sequence[str]) -> dict[str, tuple[float, bool]]:
+def _remaining(
+    ranking: Ranking, responses: Sequence[str], unexplained: Collection[str]
+) -> dict[str, tuple[float, bool]]:
+    """Residual of each response over its measured rms, and whether it is white: not where a finding has no cause."""
     problem = ranking.problem
     after = judging.refitted(judging.held_out(problem.as_given), judging.held_out(problem))
     left = judging.fit(judging.measured(problem), after, responses)
-    return {c: (left[c].rrmse, judging.is_noise(problem, c)) for c in responses if c in left}
+    return {c: (left[c].rrmse, c not in unexplained and judging.is_noise(problem, c)) for c in responses if c in left}
