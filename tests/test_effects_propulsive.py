@@ -130,7 +130,7 @@ def test_the_time_of_a_step_is_sought_in_what_it_multiplies():
     flight = compare(fly())[0]
     thrust = np.where(flight.t < 14.0, 1.0, 0.1)
     flight.measured["Cn"][:] = flight.simulated["Cn"] - np.where(flight.t >= 8.0, 0.002 * thrust, 0.0)
-    ((multiplied,), _), *_ = steps([flight], "Cn", lambda f: thrust)
-    ((plain,), _), *_ = steps([flight], "Cn", lambda f: np.ones(len(f)))
+    ((multiplied,), _), *_ = steps([flight], ("Cn",), lambda f: thrust)
+    ((plain,), _), *_ = steps([flight], ("Cn",), lambda f: np.ones(len(f)))
     assert_allclose(multiplied.start, 8.0, atol=0.03)  # to the sample
     assert multiplied.gain > 2.0 * plain.gain

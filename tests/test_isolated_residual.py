@@ -64,6 +64,11 @@ def test_the_response_that_lasts_most_is_alone_among_three_coefficients():
 WHITE = 0.1  # of a force that varies by one
 
 
+def as_lasting_as_noise() -> np.ndarray:
+    """A slow wave whose lasting part is the white noise."""
+    return slow(WHITE / np.sqrt(0.5 * np.cos(0.6)) / np.sinc(0.3 / (2.0 * np.pi)))
+
+
 def noisy_forces(white: float = WHITE) -> SimpleNamespace:
     """A flight whose forces vary slowly by one, with white noise."""
     rng = np.random.default_rng(2)
@@ -84,7 +89,7 @@ def noisy_forces(white: float = WHITE) -> SimpleNamespace:
 )
 def test_a_force_is_alone_beyond_what_its_instruments_may_have(response, size, beside, low, high):
     """`size` and `beside` (of CY): lasting residual over white noise."""
-    unit = slow(WHITE / np.sqrt(0.5 * np.cos(0.6)) / np.sinc(0.3 / (2.0 * np.pi)))
+    unit = as_lasting_as_noise()
     left = {"CX": 0.0 * unit, "CZ": 0.0 * unit, "Cm": 0.0 * unit, "CY": beside * unit, response: size * unit}
     found = find_isolated([noisy_forces()], [left], {})
     assert found is not None
@@ -107,7 +112,7 @@ def test_the_form_of_a_simulation_may_leave_a_residual_that_lasts():
 
 
 def test_usual_noise_of_the_other_instruments_does_not_count():
-    unit = slow(WHITE / np.sqrt(0.5 * np.cos(0.6)) / np.sinc(0.3 / (2.0 * np.pi)))
+    unit = as_lasting_as_noise()
     quiet, loud = (
         find_isolated([noisy_forces()], [{"CX": x * unit, "CY": 0.0 * unit, "CZ": 0.0 * unit, "Cm": unit}], {})
         for x in (0.3, 0.7)

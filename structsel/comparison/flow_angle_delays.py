@@ -162,14 +162,17 @@ class _Reading:
         """Log evidence of delays, over that of none."""
         return self.fit.with_filter(self.filter, taus, _tolerated(self.aircraft)).logs - self.nothing
 
-    def known(self, tau: float) -> float:
-        """Standard deviation of a delay within the stated tolerance, and of the apparent delay of gusts [s]."""
-        gusts = _ANSWER * self.fit.left(tau, _tolerated(self.aircraft)) / self.fit.rates(tau)
-        return float(np.hypot(self.aircraft.tolerances.delay, gusts))
+    def left(self, tau: float) -> float:
+        """Variance of what a delay leaves, with scale and place within their tolerances."""
+        return self.fit.left(tau, _tolerated(self.aircraft))
 
-    def lower(self, tau: float) -> float:
+    def known(self, tau: float, left: float) -> float:
+        """Standard deviation of a delay within the stated tolerance, and of the apparent delay of gusts [s]."""
+        return float(np.hypot(self.aircraft.tolerances.delay, _ANSWER * left / self.fit.rates(tau)))
+
+    def lower(self, left: float) -> float:
         """Log likelihood of a delay over that of another place and scale, of the motion alone."""
-        ratio = self.fit.left(0.0, _elsewhere(self.aircraft)) / self.fit.left(tau, _tolerated(self.aircraft))
+        ratio = self.fit.left(0.0, _elsewhere(self.aircraft)) / left
         return float(0.5 * sum(c.t[-1] for c in self.fit.courses) / _INDEPENDENT * np.log(ratio))
 
 
@@ -196,8 +199,9 @@ def _judged(read: Sequence[_Reading]) -> FlowAngleDelay:
     stated = _AHEAD if delay > 0.0 else _AHEAD_EARLY
     ahead = any_size - (stated if "vane" in aircraft.sensors else _AHEAD_UNSTATED) * of_place
     # Evidence of white rows is that of the highest frequencies, where no model of a vane is exact.
-    lower = sum(one.lower(delay) for one in read) + _BY_CHANCE
-    known = float(np.mean([one.known(delay) for one in read]))
+    each = [(one, one.left(delay)) for one in read]
+    lower = sum(one.lower(left) for one, left in each) + _BY_CHANCE
+    known = float(np.mean([one.known(delay, left) for one, left in each]))
 
     def exceeds(registered: float) -> float:
         within = scipy.special.logsumexp(logs + _log_within(near, registered, known)) + np.log(_FINE)

@@ -21,7 +21,7 @@ from structsel.errors import DataError
 from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
-from structsel.numerics.signal_quality import noise_std_from_differences
+from structsel.numerics.signal_quality import white_noise_std
 from structsel.recording import Recording, warn_of_entry_errors
 
 Progress = Callable[[str, int, int], None]
@@ -170,7 +170,7 @@ def _fit_error(flights: Sequence[Flight], model: AeroModel | None) -> dict[str, 
         r2 = next((model[r].r2 for r in (c, _ALONG_WIND.get(c, c)) if r in model), np.nan)
         if 0.0 < r2 < 1.0:
             power = sum(len(f) * float(np.var(f.simulated[c])) for f in flights)
-            white = sum(len(f) * noise_std_from_differences(np.diff(f.measured[c], 3)) ** 2 for f in flights)
+            white = sum(len(f) * white_noise_std(f.measured[c]) ** 2 for f in flights)
             made[c] = float(np.sqrt(max((1.0 - r2) / r2 - white / max(power, 1e-300), 0.0)))
     return made
 

@@ -43,7 +43,7 @@ from structsel.effects.wording import SURFACES, shown
 from structsel.model import Quantity, State
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import delayed, first_order_lag
-from structsel.numerics.signal_quality import noise_std_from_differences
+from structsel.numerics.signal_quality import white_noise_std
 
 # Feedbacks that aircraft have: surface, what is fed back, prior deviation of the gain, unit.
 _FEEDBACKS = (
@@ -175,7 +175,7 @@ def _play_variants(flights: Flights) -> list[Variant]:
 def _play_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
     """Play between the input of a simulated channel and what it drives."""
     reach = float(np.ptp(np.concatenate([f.raw[one.control] for f in flights])))
-    noise = max(noise_std_from_differences(np.diff(f.raw[one.control], 3)) for f in flights)
+    noise = max(white_noise_std(f.raw[one.control]) for f in flights)
     narrowest, widest = max(0.01 * reach, _ABOVE_NOISE * noise), 0.5 * reach
     if narrowest >= widest:
         return []

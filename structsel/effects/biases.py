@@ -7,9 +7,8 @@ from functools import partial
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.changes import ChangeSearch, Event, added, alone, from_then_on, times_of
+from structsel.effects.changes import ChangeSearch, Event, added, alone, from_then_on, steps, times_of
 from structsel.effects.lasting_changes import lasting_changes
-from structsel.effects.operators import shape_of
 from structsel.effects.readings import AIR, ATTITUDE, INERTIAL, Errors, present, wrong_readings
 from structsel.effects.signals import CONTROLS, Column, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, shown
@@ -42,7 +41,7 @@ def bias_variants(flights: Flights) -> list[Variant]:
             Variant((drift,), wrong_readings(partial(_drift, channel=channel)), about=f"{name}, drifting"),
         ]
         for event in _jumps(flights, _SHOWS[channel]) if channel in _SHOWS else anywhere:
-            shape = shape_of(times_of(event))
+            shape = times_of(event)
             jumped = partial(_changed, channel=channel, along=added(*event))
             about_and_times = f"{name}, {from_then_on(event)}"
             made.append(Variant((constant,), wrong_readings(jumped), shape, dict.fromkeys(shape, "s"), about_and_times))
@@ -51,10 +50,8 @@ def bias_variants(flights: Flights) -> list[Variant]:
 
 def _jumps(flights: Flights, responses: Sequence[str]) -> list[Event]:
     """When a reading may have jumped that shows in some responses."""
-    search = ChangeSearch.of(flights, responses)
     return [
-        *alone(search.find(each=1))[:_CLEAREST],
-        *search.together(search.find(), both_signs=False),
+        *steps(flights, responses, singles=_CLEAREST),
         *alone(lasting_changes(flights, responses, undone=False)),
     ]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Flights
+from structsel.effects.operators import shape_of
 from structsel.effects.signals import CHANNELS_OF, Column, held, moves
 from structsel.numerics.arrays import Array
 
@@ -283,20 +284,24 @@ Event = tuple[tuple[SoughtChange, ...], Array]
 """Changes that have one cause, and the sign of each."""
 
 
-def steps(flights: Flights, response: str, factor: Column) -> list[Event]:
+def steps(
+    flights: Flights, responses: Sequence[str], factor: Column | None = None, singles: int = _ALONE
+) -> list[Event]:
     """What begins at once and stays: the clearest step of each manoeuvre alone, and those with one cause and sign.
 
     Parameters
     ----------
     flights : sequence of Flight
-    response : str
-        In which steps are sought, if the flights have it.
-    factor : callable
+    responses : sequence of str
+        In which steps are sought; those that the flights have.
+    factor : callable, optional
         What a step is multiplied by.
+    singles : int
+        Most manoeuvres whose step alone is returned.
     """
-    search = ChangeSearch.of(flights, (response,), factor)
+    search = ChangeSearch.of(flights, responses, factor)
     found = search.find(each=1)
-    return [*alone(found), *search.together(found, both_signs=False)]
+    return [*alone(found)[:singles], *search.together(found, both_signs=False)]
 
 
 def when(event: Event) -> str:
@@ -312,8 +317,8 @@ def from_then_on(event: Event) -> str:
 
 
 def times_of(event: Event) -> dict[str, float]:
-    """Times [s] that were sought, by where they are."""
-    return {where: when for change in event[0] for where, when in change.times.items()}
+    """Times [s] that were sought, as the shape of a variant."""
+    return shape_of({where: when for change in event[0] for where, when in change.times.items()})
 
 
 def alone(changes: Sequence[SoughtChange]) -> list[Event]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Flights, Variant
-from structsel.numerics.arrays import Array
 
 
 def confined(flights: Flights, variant: Variant) -> Variant | None:
@@ -43,10 +42,6 @@ def _products(variant: Variant, flight: Flight, power: Mapping[str, float]) -> t
     """Sums over responses of a form's column with the difference, and with itself, each over the response's power."""
     total = np.zeros(2)
     for response, column in variant.columns(flight).items():
-        x, y = _centred(column[:, 0]), _centred(flight.difference[response])
+        x, y = (z - z.mean() for z in (column[:, 0], flight.difference[response]))
         total += np.array([x @ y, x @ x]) / max(power[response], 1e-30)
     return float(total[0]), float(total[1])
-
-
-def _centred(x: Array) -> Array:
-    return x - x.mean()

@@ -12,7 +12,6 @@ from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffec
 from structsel.effects.changes import ChangeSearch, Event, added, alone, times_of, when
 from structsel.effects.ice import ice_says, ice_variants
 from structsel.effects.lasting_changes import lasting_changes
-from structsel.effects.operators import shape_of
 from structsel.effects.signals import Column, from_lift_and_drag, lacking, lift_line, moves, signature
 from structsel.nomenclature import COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 
@@ -75,7 +74,7 @@ def _unrecorded(flights: Flights) -> list[Variant]:
 
 
 def _times(event: Event) -> dict[str, float]:
-    return shape_of(times_of(event)) | {"duration": event[0][0].duration}
+    return times_of(event) | {"duration": event[0][0].duration}
 
 
 def _seconds(event: Event) -> dict[str, str]:

@@ -15,7 +15,7 @@ from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.changes import added, alone, from_then_on, steps, times_of, when
 from structsel.effects.lasting_changes import lasting_changes
-from structsel.effects.operators import oscillate, peaks, shape_of, spaced
+from structsel.effects.operators import oscillate, peaks, spaced
 from structsel.effects.signals import Parts, coefficients, held, lacking, of_parts
 from structsel.nomenclature import FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.air_data import cross
@@ -138,11 +138,11 @@ def _shift_variants(flights: Flights) -> list[Variant]:
         made.append(of_parts((_shift(flights, axis),), columns, f"in all manoeuvres, in {moment} alone"))
     for axis, response in ((0, "Cm"), (1, "Cl"), (2, "Cm")):
         arm = partial(_arm, axis=axis, response=response)
-        begun = steps(flights, response, arm)
+        begun = steps(flights, (response,), arm)
         lasting = alone(lasting_changes(flights, (response,), _DURATIONS, factor=arm))
         for words, events in ((from_then_on, begun), (when, lasting)):
             for event in events:
-                shape = shape_of(times_of(event))
+                shape = times_of(event)
                 made.append(
                     of_parts(
                         (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=added(*event)),

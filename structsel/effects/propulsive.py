@@ -13,7 +13,7 @@ from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, ModelCase, ModelForm, Variant
 from structsel.effects.changes import added, alone, from_then_on, steps, times_of
 from structsel.effects.lasting_changes import lasting_changes
-from structsel.effects.operators import shape_of, spaced
+from structsel.effects.operators import spaced
 from structsel.effects.propeller import propeller_variants, slipstream_variants
 from structsel.effects.signals import Column, Parts, available, gathered, lacking, moves, of_parts, reach
 from structsel.effects.wording import percent
@@ -202,9 +202,9 @@ def _asymmetric_variants(flights: Flights) -> list[Variant]:
             return [("Cn", 0, difference / aircraft.b), ("Cl", 1, difference)]
 
         made.append(of_parts((arm, roll), halves, "as recorded left and right"))
-    begun = [*steps(flights, "Cn", lambda f: f["CT"]), *alone(lasting_changes(flights, ("Cn", "Cl"), undone=False))]
+    begun = [*steps(flights, ("Cn",), lambda f: f["CT"]), *alone(lasting_changes(flights, ("Cn", "Cl"), undone=False))]
     for event in begun:
-        shape = shape_of(times_of(event))
+        shape = times_of(event)
         columns = partial(begins, on=added(*event))
         made.append(of_parts((arm, roll), columns, from_then_on(event), (), shape, dict.fromkeys(shape, "s")))
     return made

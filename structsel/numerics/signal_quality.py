@@ -156,8 +156,13 @@ def _spectrum(x: Array, dt: float) -> tuple[np.ndarray, np.ndarray]:
     return np.fft.rfftfreq(n, dt)[:kept], power[:kept]
 
 
-def noise_std_from_differences(steps: Array) -> float:
-    """Standard deviation of white noise from third differences of a signal, which remove slow motion."""
+def white_noise_std(x: Array) -> float:
+    """Standard deviation of the white noise in a signal, from its third differences, which remove slow motion."""
+    return _std_from_differences(np.diff(x, 3))
+
+
+def _std_from_differences(steps: Array) -> float:
+    """Standard deviation of white noise from its third differences."""
     return float(
         np.sqrt(np.median(steps**2) / MEDIAN_SQUARE / 20.0)
     )  # the variance of the differences is 1 + 9 + 9 + 1
@@ -182,7 +187,7 @@ def estimate_white_noise(x: Array) -> Array:
     steps = np.diff(x, 3)
     if not len(steps) or np.mean(steps != 0.0) < 0.5:
         return np.zeros(len(x))
-    sd = noise_std_from_differences(steps[steps != 0.0])
+    sd = _std_from_differences(steps[steps != 0.0])
     noise = np.zeros(len(x))
     above = np.asarray(x, dtype=float)
     for width, of_one in _bands(len(x)):

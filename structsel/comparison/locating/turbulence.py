@@ -27,7 +27,7 @@ from structsel.formatting import format_number
 from structsel.nomenclature import FORCE_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import spectrum, taper
-from structsel.numerics.signal_quality import noise_std_from_differences
+from structsel.numerics.signal_quality import white_noise_std
 
 _AXES = {"u": "k_V", "v": "k_beta", "w": "k_alpha"}
 _DRIVING = ("de", "da", "dr", "throttle", "thrust", "df", "gear")
@@ -194,7 +194,7 @@ def coloured_fractions(flights: Sequence[Flight], residuals: Sequence[Mapping[st
             inside = (hz > _MOTION[0]) & (hz < _MOTION[1])
             x = spectrum(left[c], bins, edge_of(f))[1:][inside]
             power += float(x @ x)
-            white += inside.sum() * noise_std_from_differences(np.diff(f.measured[c], 3)) ** 2
+            white += inside.sum() * white_noise_std(f.measured[c]) ** 2
         if power > 0.0:
             made[c] = max(0.0, 1.0 - white / power)
     return made
@@ -221,7 +221,7 @@ def _quick(f: Flight, channel: str) -> float:
     """Noise of a channel from its third differences, which leave nothing of motion; the quieter half of the flight."""
     if channel not in f.raw:
         return 0.0
-    return noise_std_from_differences(np.diff(f.raw[channel], 3))
+    return white_noise_std(f.raw[channel])
 
 
 def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float) -> PowerBands:
