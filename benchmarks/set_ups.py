@@ -238,7 +238,7 @@ def roll(rng: np.random.Generator, k: int, concealed: str) -> Run:
     acts = da - 6.0 * da**3 if concealed == "bend" else da
     p = integrated(lambda i, x: -4.0 * x + 30.0 * acts[i], np.zeros(1), t)[:, 0]
     swing = 6.0 * oscillate(da, t[1], 5.0, 0.03)
-    p_dot = np.gradient(p, t) + (swing if concealed == "mode" else 0.0)
+    p_dot = -4.0 * p + 30.0 * acts + (swing if concealed == "mode" else 0.0)
     read = {"p": p + 0.004 * rng.standard_normal(len(t)), "da": da}
     read["phi"] = t[1] * np.cumsum(p) + 0.002 * rng.standard_normal(len(t))
     read["p_dot"] = p_dot + 0.15 * rng.standard_normal(len(t)) + drift(rng, t, 0.2, 0.08)
