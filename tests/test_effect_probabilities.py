@@ -12,7 +12,7 @@ from statsmodels.discrete.conditional_models import ConditionalLogit
 
 from proof import calibrate
 from structsel.diagnosis import judging, scoring, size_evidence, weighing
-from structsel.diagnosis.members import Member, explained_fractions
+from structsel.diagnosis.members import Member, mean_gains
 from structsel.diagnosis.size_evidence import beyond_form, jackknifed
 from structsel.effects.base import EffectParameter
 from structsel.numerics.evidence import Trial
@@ -185,7 +185,7 @@ def test_a_few_samples_count_by_the_effect_there():
     assert judging.excess_where_moved(without, without) == {}
 
 
-def test_an_effect_explains_a_fraction_of_each_response_however_small_that_is():
+def test_an_effect_gains_by_the_fraction_of_each_response_however_small_that_is():
     """Two effects, one in each response: as much of either counts the same, whatever its noise."""
 
     def plain(kept):
@@ -195,7 +195,21 @@ def test_an_effect_explains_a_fraction_of_each_response_however_small_that_is():
 
     problem = SimpleNamespace(subset=plain, judged_responses=["CZ", "Cm", "CY"])  # nothing is amiss in CY
     both = [Member((), (0,)), Member((), (1,))]
-    assert explained_fractions(problem, both) == pytest.approx([0.75, 0.75])
+    assert mean_gains(problem, both) == pytest.approx([np.log(4.0), np.log(4.0)])
+
+
+def test_an_effect_that_explains_nearly_all_gains_more_than_one_that_takes_its_place_in_part():
+    """A spring's cube leaves 1e-4 of the power, stops in its place 6 %; with both 3e-5 are left."""
+    left = {frozenset(): 1.0, frozenset({0}): 1e-4, frozenset({1}): 0.06, frozenset({0, 1}): 3e-5}
+    rows = SimpleNamespace(part=lambda c: slice(None))
+
+    def only(kept):
+        return SimpleNamespace(fitted_residuals=[(rows, np.sqrt(left[frozenset(kept)]) * np.ones(1))])
+
+    problem = SimpleNamespace(subset=only, judged_responses=["angle"])
+    spring, stops = mean_gains(problem, [Member((), (0,)), Member((), (1,))])
+    assert spring == pytest.approx(0.5 * (np.log(1e4) + np.log(0.06 / 3e-5)))
+    assert stops < 0.4 * spring
 
 
 def test_the_jackknife_of_a_mean_is_its_standard_error():

@@ -11,7 +11,7 @@ from structsel.comparison.locating.region import find_region
 from structsel.comparison.locating.windows import find_intervals
 from structsel.diagnosis import judging
 from structsel.diagnosis.explained import SLIGHT, judged_on
-from structsel.diagnosis.members import Member, explained_fractions, gather, needed
+from structsel.diagnosis.members import Member, gather, mean_gains, needed
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import TIED, Ranking
 from structsel.diagnosis.residuals import contributions
@@ -108,10 +108,10 @@ def implausible(variant: Variant, found: Mapping[str, ParameterEstimate]) -> str
 
 
 def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping[str, float]]) -> list[EffectFinding]:
-    """Findings, the largest expected fraction of the mismatch first; fits are cumulative in that order.
+    """Findings, the largest expected gain first; fits are cumulative in that order.
 
-    The expected fraction is the fraction that an effect explains times the probability of its name. A part that
-    tolerances could explain counts half.
+    The expected gain is that of `mean_gains` times the probability of the name. A part that tolerances could explain
+    counts half.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def make_findings(ranking: Ranking, ceiling: Callable[[Collection[str]], Mapping
     if not members:
         return []
     plain = problem.as_given
-    carried = np.mean([explained_fractions(p, members) for p in (problem, plain)], axis=0)
+    carried = np.mean([mean_gains(p, members) for p in (problem, plain)], axis=0)
     order = np.argsort([-m.probability * x for m, x in zip(members, carried)])
     total = float(carried.sum())
     responses = problem.judged_responses

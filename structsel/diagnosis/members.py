@@ -83,10 +83,11 @@ def needed(problem: DiagnosisProblem, members: Sequence[Member]) -> list[Member]
     return kept
 
 
-def explained_fractions(problem: DiagnosisProblem, members: Sequence[Member]) -> list[float]:
-    """Fraction of the mismatch that each finding explains: its mean gain over all orders of entering (Shapley value).
+def mean_gains(problem: DiagnosisProblem, members: Sequence[Member]) -> list[float]:
+    """Gain of each finding, its mean over all orders of entering (Shapley value).
 
-    The gain is the decrease of the sum of squares of each judged response, relative to its residual without effects.
+    The gain is the decrease of the logarithm of the sum of squares of each judged response. (A part of the sum of squares
+    itself would be the same for two effects of which either explains nearly all and one nothing more.)
 
     Parameters
     ----------
@@ -94,20 +95,20 @@ def explained_fractions(problem: DiagnosisProblem, members: Sequence[Member]) ->
         With all of them in the model. Where its tolerances are exact, what they could explain counts too.
     members : sequence of Member
     """
-    known: dict[frozenset[int], Array] = {}
+    known: dict[frozenset[int], float] = {}
 
-    def left(taken: frozenset[int]) -> Array:
+    def left(taken: frozenset[int]) -> float:
         if taken not in known:
             fitted = with_members(problem, [members[i] for i in sorted(taken)])
-            known[taken] = squares_left(fitted, problem.judged_responses)
+            squares = squares_left(fitted, problem.judged_responses)
+            known[taken] = float(np.log(np.maximum(squares, np.finfo(float).tiny)).sum())
         return known[taken]
 
     made = np.zeros(len(members))
-    total = np.maximum(left(frozenset()), np.finfo(float).tiny)
     orders = list(permutations(range(len(members))))
     for order in orders:
         taken: frozenset[int] = frozenset()
         for i in order:
-            made[i] += np.sum((left(taken) - left(taken | {i})) / total)
+            made[i] += left(taken) - left(taken | {i})
             taken = taken | {i}
     return [max(0.0, float(x)) for x in made / len(orders)]

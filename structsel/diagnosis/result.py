@@ -124,7 +124,7 @@ class EffectFinding:
     explainable, explained : float
         Fractions of the variance of the differences: by a regression on all channels; by this effect and those before.
     fraction : float
-        Of the variance that all findings explain.
+        Of the gain of all findings: the decrease of the logarithm of the residual power.
     """
 
     axes: tuple[str, ...]
