@@ -186,9 +186,7 @@ def detect(
     if not set(flights[0].simulated) & set(COEFFICIENTS) or not set(AIRFRAME) <= set(flights[0].channels):
         return None
     rows = CausalRows(flights, problem.nuisances)
-    least = _FORM_IDENTIFIED if flights[0].is_identified else _FORM
-    stated = [dict.fromkeys(rows.responses, least), flights[0].form_error, flights[0].fit_error]
-    form = {c: max(one.get(c, 0.0) for one in stated) for c in rows.responses}
+    form = _form_of(flights, rows.responses)
     null = rows.null()
     F = features(flights)
     inside = [x[rows.edge : len(x) - rows.edge] for x in F]
@@ -205,9 +203,21 @@ def detect(
         best.setdefault(one.tolerance.name, one)
     std = np.sqrt(np.diag(null.covariance))
     deviations = tuple((n, float(m), float(s)) for n, m, s in zip(rows.tolerances, null.mean, std))
-    isolated = find_isolated(flights, residuals(problem), {c: x for c, x in form.items() if x > _FORM})
     predicted = find_predicted(rows, null, candidates, white)
-    return Detection(tuple(best.values()), remainder, events, deviations, isolated, predicted)
+    return Detection(tuple(best.values()), remainder, events, deviations, isolated_residual(problem), predicted)
+
+
+def isolated_residual(problem: DiagnosisProblem) -> IsolatedResidual | None:
+    """The coefficient whose residual of tolerances and effects lasts most; None with too few coefficients."""
+    form = _form_of(problem.flights, [c for c in problem.responses if c in COEFFICIENTS])
+    return find_isolated(problem.flights, residuals(problem), {c: x for c, x in form.items() if x > _FORM})
+
+
+def _form_of(flights: Sequence[Flight], responses: Sequence[str]) -> dict[str, float]:
+    """Error of the form of the simulation of each response, relative to the rms by which it varies."""
+    least = _FORM_IDENTIFIED if flights[0].is_identified else _FORM
+    stated = [dict.fromkeys(responses, least), flights[0].form_error, flights[0].fit_error]
+    return {c: max(one.get(c, 0.0) for one in stated) for c in responses}
 
 
 def _unknown_function(

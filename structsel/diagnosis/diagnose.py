@@ -26,11 +26,12 @@ from structsel.comparison.tolerances import Nuisance
 from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import make_findings
-from structsel.diagnosis.detection import Detection, detect
+from structsel.diagnosis.detection import Detection, detect, isolated_residual
+from structsel.diagnosis.doubting import doubted, without_names
 from structsel.diagnosis.material import find_material
 from structsel.diagnosis.notes import notes
 from structsel.diagnosis.problem import DiagnosisProblem
-from structsel.diagnosis.ranking import Ranking, rank
+from structsel.diagnosis.ranking import NAMED, Ranking, rank
 from structsel.diagnosis.removed_delays import removed_delays
 from structsel.diagnosis.residuals import residuals
 from structsel.diagnosis.result import UNNAMED, Diagnosis, ToleranceDeviation, Verdict
@@ -162,6 +163,9 @@ def conclude(
         return None if coloured or turbulence is not None else detect(flights, problem, candidates)
 
     ranking = rank(problem, library, progress, ask)
+    alone = isolated_residual(ranking.problem) if ranking.steps and turbulence is None else None
+    if alone is not None and alone.probability > NAMED:
+        ranking = without_names(ranking, alone)
 
     def ceiling(axes: Collection[str]) -> dict[str, float]:
         """Fraction of the mismatch that a regression model predicts, of those of the responses that are judged."""
@@ -177,7 +181,7 @@ def conclude(
     elif turbulence is None:
         if findings:
             findings = find_material(ranking, findings)
-        findings += find_unknown(ranking, left, responses, ceiling)
+        findings = doubted(findings, alone) + find_unknown(ranking, left, responses, ceiling)
         if not findings:
             findings += detected(ranking, responses)
     if library.may_name("sensor-delay"):

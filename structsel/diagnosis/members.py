@@ -86,8 +86,8 @@ def needed(problem: DiagnosisProblem, members: Sequence[Member]) -> list[Member]
 def mean_gains(problem: DiagnosisProblem, members: Sequence[Member]) -> list[float]:
     """Gain of each finding, its mean over all orders of entering (Shapley value).
 
-    The gain is the decrease of the logarithm of the sum of squares of each judged response. (A part of the sum of squares
-    itself would be the same for two effects of which either explains nearly all and one nothing more.)
+    The gain is the decrease of the logarithm of the sum of squares of each judged response. That of the sum itself
+    would be the same for two effects of which either explains nearly all, however much more one of them explains.
 
     Parameters
     ----------

@@ -1,0 +1,54 @@
+"""Doubt of names where one response alone has a residual that lasts: its cause may be that of the mismatch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from structsel.diagnosis.assembling import UNKNOWN_SAYS
+from structsel.diagnosis.detection import detect
+from structsel.diagnosis.isolated import IsolatedResidual
+from structsel.diagnosis.ranking import TIED, Ranking
+from structsel.diagnosis.result import LISTED, UNNAMED, EffectFinding, Physics
+
+
+def without_names(ranking: Ranking, alone: IsolatedResidual) -> Ranking:
+    """The ranking without effects: the probabilities of the first search, and "unknown" with that of such a residual.
+
+    Parameters
+    ----------
+    ranking : Ranking
+        With one effect or more.
+    alone : IsolatedResidual
+        That all of its effects leave.
+    """
+    first, named = ranking.steps[0], 1.0 - alone.probability
+    considered = {effect: named * p for effect, p in first.alternatives}
+    considered[UNNAMED] = considered.get(UNNAMED, 0.0) + alone.probability
+    seen = detect(ranking.start.flights, ranking.start)
+    return replace(
+        ranking,
+        steps=(),
+        considered=tuple(sorted(considered.items(), key=lambda item: -item[1])),
+        others=first.others,
+        detection=None if seen is None else replace(seen, tolerances=(), isolated=alone),
+    )
+
+
+def doubted(findings: Sequence[EffectFinding], alone: IsolatedResidual | None) -> list[EffectFinding]:
+    """Findings whose names keep the probability that such a residual is not there; "unknown" has the rest."""
+    if alone is None or alone.probability < LISTED:
+        return list(findings)
+    return [_doubted(finding, alone) for finding in findings]
+
+
+def _doubted(finding: EffectFinding, alone: IsolatedResidual) -> EffectFinding:
+    names = [p for p in finding.physics if p.effect != UNNAMED]
+    names = [replace(p, probability=(1.0 - alone.probability) * p.probability) for p in names]
+    unknown = sum(p.probability for p in finding.physics) - sum(p.probability for p in names)
+    cause = Physics(UNNAMED, unknown, f"{UNKNOWN_SAYS} {alone.says}")
+    physics = tuple(sorted([*names, cause], key=lambda p: -p.probability))
+    others = [e for e in finding.ambiguous_with if e != physics[0].effect]
+    if physics[0] is not cause and unknown > TIED * physics[0].probability:
+        others.append(UNNAMED)
+    return replace(finding, physics=physics, ambiguous_with=tuple(dict.fromkeys(others)))
