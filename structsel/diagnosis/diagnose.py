@@ -27,7 +27,6 @@ from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.detection import Detection, detect, isolated_residual
-from structsel.diagnosis.doubting import doubted, without_names
 from structsel.diagnosis.material import find_material
 from structsel.diagnosis.notes import notes
 from structsel.diagnosis.problem import DiagnosisProblem
@@ -40,6 +39,7 @@ from structsel.diagnosis.selftest import self_test
 from structsel.diagnosis.signatures import Library, work_out
 from structsel.diagnosis.tracing import traces_of
 from structsel.diagnosis.unattributed import detected, find_unknown, turbulent
+from structsel.diagnosis.uncertain_names import less_probable, without_names
 from structsel.diagnosis.weighing import CandidateEffect, unconfirmed_log_bayes
 from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
@@ -181,7 +181,7 @@ def conclude(
     elif turbulence is None:
         if findings:
             findings = find_material(ranking, findings)
-        findings = doubted(findings, alone) + find_unknown(ranking, left, responses, ceiling)
+        findings = less_probable(findings, alone) + find_unknown(ranking, left, responses, ceiling)
         if not findings:
             findings += detected(ranking, responses)
     if library.may_name("sensor-delay"):

@@ -13,6 +13,8 @@ from structsel.numerics.arrays import Array
 if TYPE_CHECKING:
     import pandas as pd
 
+STAGES = ("delivered", "refitted", "physics")
+"""The simulation as given, retuned within tolerances, and with the effects that were found."""
 _WRITTEN = {"delivered": "before", "refitted": "refitted", "physics": "after"}
 
 
@@ -69,7 +71,7 @@ class ChannelScores:
 
 @dataclass(frozen=True, eq=False)
 class ExampleWindows:
-    """Windows for a figure: those in which the error of the most improved channel decreases most.
+    """Windows for a figure: those in which the error of the channel that is shown decreases most, or is the largest.
 
     Attributes
     ----------
@@ -114,6 +116,18 @@ class HeldOutSimulation:
     def gained(self) -> ChannelScores | None:
         """Row of the channel whose error decreases most; None without rows."""
         return min(self.rows, key=lambda row: row.left, default=None)
+
+    @property
+    def shown(self) -> ChannelScores | None:
+        """Row that a report shows: that of `gained`; without effects, the largest error relative to its band."""
+        if self.explains or not self.rows:
+            return self.gained
+        return max(self.rows, key=lambda row: list(row.stages.values())[-1].rms / row.band)
+
+    @property
+    def explains(self) -> bool:
+        """Whether there is a stage with effects."""
+        return any(STAGES[-1] in row.stages for row in self.rows)
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each channel and stage."""

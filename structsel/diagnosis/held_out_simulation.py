@@ -194,11 +194,11 @@ def simulate_stages(predicted: Sequence[PredictedCoefficients], seconds: float) 
             scores[stage] = WindowScore(metrics["rms_error"], metrics["tic"], inside)
         rows.append(ChannelScores(channel, unit_of(channel), noise, band, scores))
     made = HeldOutSimulation(tuple(rows), seconds, len(windows.start))
-    if made.gained is None:
+    if made.shown is None:
         return made
-    best = made.gained.channel
+    best = made.shown.channel
     j = tuple(_SIMULATED).index(best)
-    reduction = errors[best, stages[0]] - errors[best, stages[-1]]
+    reduction = errors[best, stages[0]] - (errors[best, stages[-1]] if made.explains else 0.0)
     simulated_by_stage = {stage: found[:, j, k] for k, stage in enumerate(stages)}
     example = _example(flights, windows, (read[j], path[j]), simulated_by_stage, best, reduction)
     return replace(made, example=example)
@@ -243,7 +243,10 @@ def _example(
     channel: str,
     reduction: Array,
 ) -> ExampleWindows:
-    """Windows of the recording in which the error of a channel decreases most, around the largest decrease."""
+    """Windows of the recording in which the error of a channel decreases most, around the largest decrease.
+
+    Without effects `reduction` is the error itself.
+    """
     owner = int(np.argmax(np.bincount(windows.recording, reduction)))
     own = np.flatnonzero(windows.recording == owner)
     few = max(1, _DRAWN // int(windows.length.max()))

@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
+from structsel.diagnosis.held_out_result import STAGES
 from structsel.diagnosis.result import LISTED, UNNAMED, Diagnosis, EffectFinding, Physics, ToleranceDeviation
 from structsel.effects.base import ParameterEstimate
 from structsel.formatting import (
@@ -211,12 +212,18 @@ def _errors(number: int, finding: EffectFinding) -> Iterator[str]:
         text = f"{b.delivered.rrmse:.3f} as given, {b.refitted.rrmse:.3f} retuned, {b.physics.rrmse:.3f}"
         yield from _labelled("rms error", f"{shown[0]} {text} with findings 1-{number}")
         return
-    wide = max(map(len, shown))
-    yield from _labelled("rms error", f"{'':{wide}}  as given   retuned   with it   of measured", plain=True)
+    wide, stages = max(map(len, shown)), stages_of(finding, number)
+    names = dict(zip(STAGES, ("as given", "retuned", "with it")))
+    head = "  ".join(f"{names[stage]:>8}" for stage in stages)
+    yield from _labelled("rms error", f"{'':{wide}}  {head}   of measured", plain=True)
     for c in shown:
-        b = finding.bars[c]
-        row = f"{c:{wide}}  {b.delivered.rrmse:8.3f}  {b.refitted.rrmse:8.3f}  {b.physics.rrmse:8.3f}"
-        yield from _labelled("", row, plain=True)
+        row = "  ".join(f"{getattr(finding.bars[c], stage).rrmse:8.3f}" for stage in stages)
+        yield from _labelled("", f"{c:{wide}}  {row}", plain=True)
+
+
+def stages_of(finding: EffectFinding, number: int) -> tuple[str, ...]:
+    """Stages at which errors are shown: with nothing but an unknown cause there is none with effects."""
+    return STAGES[:2] if finding.effect == UNNAMED and number == 1 else STAGES
 
 
 def _explains(finding: EffectFinding) -> str:
@@ -254,8 +261,8 @@ def _tell_rest(diagnosis: Diagnosis) -> Iterator[str]:
 
 
 def _in_windows(diagnosis: Diagnosis) -> str:
-    """Errors in short windows of the channel that improves most."""
-    row = diagnosis.replayed.gained if diagnosis.replayed else None
+    """Errors in short windows of the channel that improves most, or without effects has the largest error."""
+    row = diagnosis.replayed.shown if diagnosis.replayed else None
     if row is None or diagnosis.replayed is None:
         return ""
     factor, unit = display_unit(row.unit)

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.comparison.responses import KINEMATIC, KINEMATIC_UNIT
+from structsel.diagnosis.held_out_result import STAGES
 from structsel.diagnosis.result import Diagnosis, EffectFinding, Trace
 from structsel.nomenclature import unit_of
 from structsel.numerics.arrays import Array
 
-STAGES = ("delivered", "refitted", "physics")
-"""The simulation as it came, refitted within tolerances, and with the physics found."""
 _BINS = 18
 _INSIDE = 8  # bins within the region where an effect acts, which may hold few of the samples
 _LEAST = 5  # samples in a bin that is shown

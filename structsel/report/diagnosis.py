@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from structsel.diagnosis.held_out_result import ChannelScores, HeldOutSimulation
-from structsel.diagnosis.result import Diagnosis, EffectFinding, ToleranceDeviation
+from structsel.diagnosis.held_out_result import STAGES, ChannelScores, HeldOutSimulation
+from structsel.diagnosis.result import UNNAMED, Diagnosis, EffectFinding, ToleranceDeviation
 from structsel.diagnosis.text_report import (
     LARGE_DEVIATION,
     about,
@@ -17,11 +17,11 @@ from structsel.diagnosis.text_report import (
     is_shown,
     no_model,
     shown_findings,
+    stages_of,
     tied,
     together,
     untested,
 )
-from structsel.diagnosis.views import STAGES
 from structsel.formatting import (
     display_unit,
     format_estimate,
@@ -74,11 +74,12 @@ def _summary(diagnosis: Diagnosis) -> list[str]:
     if shown and (bars := shown[-1].bars):
         # The response whose error falls most.
         c = min(bars, key=lambda name: bars[name].physics.rrmse / max(bars[name].delivered.rrmse, 1e-12))
-        before, after = bars[c].delivered.rrmse, bars[c].physics.rrmse
+        last = stages_of(shown[-1], len(shown))[-1]
+        before, after = bars[c].delivered.rrmse, getattr(bars[c], last).rrmse
         if math.isfinite(before) and math.isfinite(after):
             sentences.append(
                 f"On recordings not used for fitting, the rms error of {c} is {format_percent(before)} of the rms of "
-                f"the measured response as given, and {format_percent(after)} with the effects."
+                f"the measured response as given, and {format_percent(after)} {STAGE_NAMES[last]}."
             )
     sentences += [f.physics[0].says for f in diagnosis.findings if not is_shown(f)]
     return sentences
@@ -136,9 +137,11 @@ def _explained_text(place: int, finding: EffectFinding) -> str:
         if math.isfinite(finding.explainable)
         else ""
     )
+    if finding.effect == UNNAMED:
+        return f"No effect explains the differences{regression}."
     return (
         f"Explains {format_percent(finding.explained)} of the variance of the differences{with_others}{regression}. "
-        f"Its fraction of the explained variance is {format_percent(finding.fraction)}."
+        f"Its fraction of all that is explained is {format_percent(finding.fraction)}."
     )
 
 
@@ -146,16 +149,17 @@ def _errors(place: int, finding: EffectFinding) -> Table:
     """Errors at the three stages, responses in which the finding shows first; the longest bar is the largest error."""
     order = [c for c in finding.axes if c in finding.bars]
     order += [c for c in finding.bars if c not in order]
+    stages = {s: STAGE_NAMES[s] for s in stages_of(finding, place + 1)}
     largest = max((getattr(b, s).rrmse for b in finding.bars.values() for s in STAGES), default=1.0) or 1.0
     rows = []
     for c in order:
-        for k, (stage, name) in enumerate(STAGE_NAMES.items()):
+        for k, (stage, name) in enumerate(stages.items()):
             fit = getattr(finding.bars[c], stage)
             bar = Bar(0.0, round(100.0 * fit.rrmse / largest, 1), f"{c} {name}: {fit.rrmse:.3f}", stage)
             rows.append(("" if k else c, name, fit.rrmse, bar, fit.r2, fit.tic))
     numbers = (Column("RRMSE", "3f"), Column("error"), Column("R2", "3f"), Column("TIC", "3f"))
     together_text = f", findings 1 to {place + 1} together" if place else ""
-    rules = tuple(range(0, len(rows), len(STAGES)))
+    rules = tuple(range(0, len(rows), len(stages)))
     return Table((text_column("response"), text_column("simulation"), *numbers), tuple(rows),
                  f"Errors in validation{together_text}", rules)  # fmt: skip
 
@@ -177,8 +181,8 @@ def _explained(diagnosis: Diagnosis) -> Section | None:
     )
     note = (
         "Fractions of the variance of the differences in the responses in which a finding shows, in validation, with "
-        "this finding and those before it. Explainable: by a regression on all recorded channels. Fraction: of the "
-        "variance that all findings explain."
+        "this finding and those before it. Explainable: by a regression on all recorded channels. Fraction: of what "
+        "all findings explain, by the logarithm of the residual power."
     )
     table = Table((text_column("finding"), text_column("responses"), *numbers), tuple(rows), note=note)
     return Section("Explained variance of the differences", tables=(table,))

@@ -57,7 +57,7 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _windows_chart(result: HeldOutSimulation, example: ExampleWindows) -> dict[str, Any]:
-    """Time history of the most improved channel with its band, in windows of the first and the last stage."""
+    """Time history of one channel with its band, in windows of the first and the last stage."""
     band = next(row.band for row in result.rows if row.channel == example.channel)
     unit = unit_of(example.channel)
     factor, shown = display_unit(unit)

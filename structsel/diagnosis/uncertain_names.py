@@ -1,4 +1,4 @@
-"""Doubt of names where one response alone has a residual that lasts: its cause may be that of the mismatch."""
+"""Names that are uncertain where one response alone has a residual that lasts: it may have the cause of all."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def without_names(ranking: Ranking, alone: IsolatedResidual) -> Ranking:
     )
 
 
-def doubted(findings: Sequence[EffectFinding], alone: IsolatedResidual | None) -> list[EffectFinding]:
+def less_probable(findings: Sequence[EffectFinding], alone: IsolatedResidual | None) -> list[EffectFinding]:
     """Findings whose names keep the probability that such a residual is not there; "unknown" has the rest."""
     if alone is None or alone.probability < LISTED:
         return list(findings)
-    return [_doubted(finding, alone) for finding in findings]
+    return [_less_probable(finding, alone) for finding in findings]
 
 
-def _doubted(finding: EffectFinding, alone: IsolatedResidual) -> EffectFinding:
+def _less_probable(finding: EffectFinding, alone: IsolatedResidual) -> EffectFinding:
     names = [p for p in finding.physics if p.effect != UNNAMED]
     names = [replace(p, probability=(1.0 - alone.probability) * p.probability) for p in names]
     unknown = sum(p.probability for p in finding.physics) - sum(p.probability for p in names)
