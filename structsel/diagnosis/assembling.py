@@ -249,13 +249,17 @@ def _residual_fraction(bare: DiagnosisProblem, plain: DiagnosisProblem, member: 
 
 def _with_unknown(physics: Sequence[Physics], left: float, axes: Sequence[str]) -> tuple[Physics, ...]:
     """Physics with the probability of an unknown cause after a large residual, the most probable first."""
-    lost = min(left, _MAX_UNKNOWN)
+    known, other = share_with_unknown(physics, min(left, _MAX_UNKNOWN))
     says = f"It leaves {format_percent(left)} of the power beyond the noise in {join_names(axes)}."
-    known = [replace(one, probability=(1.0 - lost) * one.probability) for one in physics if one.effect != UNNAMED]
     known[0] = replace(known[0], says=f"{known[0].says} {says}")
-    total = sum(one.probability for one in physics)
-    other = Physics(UNNAMED, total - sum(one.probability for one in known), UNKNOWN_SAYS)
     return known[0], *sorted([other, *known[1:]], key=lambda one: -one.probability)
+
+
+def share_with_unknown(physics: Sequence[Physics], fraction: float) -> tuple[list[Physics], Physics]:
+    """Names less probable by a fraction, and the unknown cause with the rest of the probability."""
+    known = [replace(one, probability=(1.0 - fraction) * one.probability) for one in physics if one.effect != UNNAMED]
+    total = sum(one.probability for one in physics)
+    return known, Physics(UNNAMED, total - sum(one.probability for one in known), UNKNOWN_SAYS)
 
 
 def _mean(values: Mapping[str, float], axes: Sequence[str]) -> float:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 STAGES = ("delivered", "refitted", "physics")
 """The simulation as given, retuned within tolerances, and with the effects that were found."""
-_WRITTEN = {"delivered": "before", "refitted": "refitted", "physics": "after"}
+_WRITTEN = dict(zip(STAGES, ("before", "refitted", "after")))
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,13 @@ class ChannelScores:
     @property
     def left(self) -> float:
         """Error of the last stage over that of the first."""
-        first, last = (list(self.stages.values())[i] for i in (0, -1))
-        return last.rms / first.rms if first.rms > 0.0 else 1.0
+        first = next(iter(self.stages.values()))
+        return self.last.rms / first.rms if first.rms > 0.0 else 1.0
+
+    @property
+    def last(self) -> WindowScore:
+        """Error at the last stage."""
+        return list(self.stages.values())[-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +125,9 @@ class HeldOutSimulation:
     @property
     def shown(self) -> ChannelScores | None:
         """Row that a report shows: that of `gained`; without effects, the largest error relative to its band."""
-        if self.explains or not self.rows:
+        if self.explains:
             return self.gained
-        return max(self.rows, key=lambda row: list(row.stages.values())[-1].rms / row.band)
+        return max(self.rows, key=lambda row: row.last.rms / row.band, default=None)
 
     @property
     def explains(self) -> bool:

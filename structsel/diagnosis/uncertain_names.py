@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from structsel.diagnosis.assembling import UNKNOWN_SAYS
+from structsel.diagnosis.assembling import share_with_unknown
 from structsel.diagnosis.detection import detect
 from structsel.diagnosis.isolated import IsolatedResidual
 from structsel.diagnosis.ranking import TIED, Ranking
-from structsel.diagnosis.result import LISTED, UNNAMED, EffectFinding, Physics
+from structsel.diagnosis.result import LISTED, UNNAMED, EffectFinding
 
 
 def without_names(ranking: Ranking, alone: IsolatedResidual) -> Ranking:
@@ -43,12 +43,10 @@ def less_probable(findings: Sequence[EffectFinding], alone: IsolatedResidual | N
 
 
 def _less_probable(finding: EffectFinding, alone: IsolatedResidual) -> EffectFinding:
-    names = [p for p in finding.physics if p.effect != UNNAMED]
-    names = [replace(p, probability=(1.0 - alone.probability) * p.probability) for p in names]
-    unknown = sum(p.probability for p in finding.physics) - sum(p.probability for p in names)
-    cause = Physics(UNNAMED, unknown, f"{UNKNOWN_SAYS} {alone.says}")
+    names, cause = share_with_unknown(finding.physics, alone.probability)
+    cause = replace(cause, says=f"{cause.says} {alone.says}")
     physics = tuple(sorted([*names, cause], key=lambda p: -p.probability))
     others = [e for e in finding.ambiguous_with if e != physics[0].effect]
-    if physics[0] is not cause and unknown > TIED * physics[0].probability:
+    if physics[0] is not cause and cause.probability > TIED * physics[0].probability:
         others.append(UNNAMED)
     return replace(finding, physics=physics, ambiguous_with=tuple(dict.fromkeys(others)))
