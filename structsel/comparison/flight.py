@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 AIRFRAME = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az")
 """Channels that every flight holds; zero where the recording has none."""
+OF_COEFFICIENTS = ("V", "alpha", "ax", "az")
+"""Channels without which no coefficient can be computed."""
 _ANGLES = ("psi", "phi")
 _LEAST_SAMPLES = 40
 
@@ -258,11 +260,11 @@ def prepare_flight(recording: Recording, aircraft: Aircraft, simulated: Mapping[
     air: dict[str, Array] = {}
     inertial: frozenset[str] = frozenset()
     integrated: dict[str, Array] = {}
-    if {"V", "alpha", "ax", "az"} <= set(raw):
+    if set(OF_COEFFICIENTS) <= set(raw):
         _complete(smooth, raw, aircraft, recording.name)
         air, inertial, integrated = inertial_channels(smooth, raw, aircraft, t)
     elif aerodynamic:
-        recording.require("V", "alpha", "ax", "az", by="compare")
+        recording.require(*OF_COEFFICIENTS, by="compare")
     measured: dict[str, Array] = {}
     wanted = tuple(aerodynamic)
     if set(AIRFRAME) <= set(smooth):

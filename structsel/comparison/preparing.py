@@ -11,7 +11,7 @@ import numpy as np
 from structsel.aircraft import Aircraft
 from structsel.comparison.aligning import Alignment, Flown, align
 from structsel.comparison.checking import check_alike, check_recorded
-from structsel.comparison.flight import AIRFRAME, Flight, prepare_flight
+from structsel.comparison.flight import AIRFRAME, OF_COEFFICIENTS, Flight, prepare_flight
 from structsel.comparison.flow_angle_delays import FlowAngleDelay
 from structsel.comparison.free_simulation import along_recordings
 from structsel.comparison.sequences import join_continued, sequences
@@ -182,18 +182,17 @@ def _unmeasured(flights: Sequence[Flight]) -> set[str]:
 
 
 def _no_aircraft(recordings: Sequence[Recording]) -> Aircraft:
-    """Stand-in for plants such as test rigs, with the default tolerances only.
+    """Stand-in for plants such as test rigs, and for logs without coefficients, with the default tolerances only.
 
     Raises
     ------
     DataError
-        The recordings are of an aircraft.
+        The recordings are of an aircraft, and have what its coefficients are computed from.
     """
     for recording in recordings:
-        flying = [name for name in AIRFRAME if name in recording]
-        if "V" in flying and len(flying) > 1:
+        if all(name in recording for name in OF_COEFFICIENTS):
             raise DataError(
-                f"'{recording.name}' has {', '.join(flying[:4])}: it is of an aircraft, "
+                f"'{recording.name}' has {', '.join(OF_COEFFICIENTS)}: it is of an aircraft, "
                 "whose geometry, mass and inertia are needed.",
                 remedy="Pass Aircraft.from_toml(path).",
                 cli_remedy="Give --aircraft AIRCRAFT.TOML; structsel aircraft --template prints one to fill in.",
