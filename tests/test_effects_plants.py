@@ -162,6 +162,16 @@ def test_an_output_that_overflows_is_found_at_its_limit():
     assert_allclose(found.values["fraction"], 1.0, rtol=1e-6)
 
 
+def test_an_output_that_clips_either_way_is_found_at_the_level_of_its_readings():
+    u, _, stated = mechanism(None)
+    limit = 0.5 * np.abs(stated).max()
+    noise = 0.01 * limit * np.random.default_rng(0).standard_normal(len(u))
+    flights = rig([(u, np.clip(stated, -limit, limit) + noise, stated)], 0.02, "y")
+    found = best(flights, effect_named("saturation"))
+    assert found.variant.about == "y, either side"
+    assert_allclose(found.variant.shape["limit"], limit, rtol=0.01)
+
+
 def two_tanks(seed, limit, spilled):
     """Level of the lower of two linear tanks whose upper one overflows, part of it into the lower one."""
     dt, tau = 1.0, (40.0, 60.0)

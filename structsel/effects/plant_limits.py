@@ -21,51 +21,68 @@ _FILLED = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """Quantiles of a state behind the input, at which it may overflow."""
 
 
+_PARTS = (0.4, 0.55, 0.7, 0.8, 0.9)  # of what a simulated response reaches, at which it may be limited
+_INPUT_PARTS = tuple(0.05 * k for k in range(6, 20))  # the same of an input
+_FRACTION = EffectParameter("fraction", "-", 1.0, 0.5, 1.5)
+
+
 def limit_variants(flights: Flights) -> list[Variant]:
     """Forms: of each response, of what moves, of a state behind the input, of the input."""
-    fraction = EffectParameter("fraction", "-", 1.0, 0.5, 1.5)
     made = []
     for response in answers(flights):
         plant = find_plant(flights, response)
         held = [f for f in flights if response in f.simulated]
-        simulated = np.concatenate([f.simulated[response] for f in held])
-        read = np.concatenate([f.measured[response] for f in held])
-        for side, extreme in (("upper", np.max), ("lower", np.min)):
-            middle, end = float(np.median(simulated)), float(extreme(simulated))
-            levels = [middle + s * (end - middle) for s in (0.4, 0.55, 0.7, 0.8, 0.9)] + [float(extreme(read))]
-            for level in levels:
-                ends = (-np.inf, level) if side == "upper" else (level, np.inf)
-
-                def cut(f: Flight, r: str = response, ends: tuple[float, float] = ends) -> Columns:
-                    return {r: (np.clip(f.simulated[r], *ends) - f.simulated[r])[:, None]} if r in f.simulated else {}
-
-                words = {"channel": response, "side": f"{side} side"}
-                about = f"{response}, {side} side"
-                made.append(Variant((fraction,), cut, {"limit": level}, {"limit": ""}, about, words=words))
+        made += _cut_responses(response, held)
         for moved in find_plants(flights, response):
             made += _end_stops(moved, held)
         made += _overflows(plant, held)
         if plant.source:
             largest = float(np.abs(np.concatenate([f.raw[plant.source] for f in held])).max())
-            for s in (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9):
-
-                def stopped(f: Flight, p: Plant = plant, x: float = s * largest) -> Columns:
-                    if p.response not in f.simulated:
-                        return {}
-                    u = f.raw[p.source]
-                    return {p.response: p.response_to(np.clip(u, -x, x) - u)[:, None]}
-
-                made.append(
-                    Variant(
-                        (fraction,),
-                        stopped,
-                        {"limit": s * largest},
-                        {"limit": ""},
-                        f"{plant.source}, the input, either way",
-                        words={"channel": plant.source, "side": "the input, either way"},
-                    )
-                )
+            made += [_cut_input(plant, part * largest) for part in _INPUT_PARTS]
     return made
+
+
+def _cut_responses(response: str, flights: Flights) -> list[Variant]:
+    """A response that stops at a limit: at its upper or lower side, or either way about zero."""
+    simulated = np.concatenate([f.simulated[response] for f in flights])
+    read = np.concatenate([f.measured[response] for f in flights])
+    middle = float(np.median(simulated))
+    made = []
+    for side, start, x, y in (
+        ("upper side", middle, simulated, read),
+        ("lower side", -middle, -simulated, -read),
+        ("either side", 0.0, np.abs(simulated), np.abs(read)),
+    ):
+        levels = [start + part * (float(x.max()) - start) for part in _PARTS]
+        beyond = x > y.max()  # of what nothing was read, all was limited
+        levels.append(float(np.median(y[beyond])) if beyond.any() else float(y.max()))
+        made += [_cut_response(response, side, level) for level in levels]
+    return made
+
+
+def _cut_response(response: str, side: str, level: float) -> Variant:
+    low, high = {"upper side": (-np.inf, level), "lower side": (-level, np.inf)}.get(side, (-level, level))
+    limit = -level if side == "lower side" else level
+
+    def cut(f: Flight) -> Columns:
+        if response not in f.simulated:
+            return {}
+        return {response: (np.clip(f.simulated[response], low, high) - f.simulated[response])[:, None]}
+
+    words = {"channel": response, "side": side}
+    return Variant((_FRACTION,), cut, {"limit": limit}, {"limit": ""}, f"{response}, {side}", words=words)
+
+
+def _cut_input(plant: Plant, limit: float) -> Variant:
+    def stopped(f: Flight) -> Columns:
+        if plant.response not in f.simulated:
+            return {}
+        u = f.raw[plant.source]
+        return {plant.response: plant.response_to(np.clip(u, -limit, limit) - u)[:, None]}
+
+    words = {"channel": plant.source, "side": "the input, either way"}
+    about = f"{plant.source}, the input, either way"
+    return Variant((_FRACTION,), stopped, {"limit": limit}, {"limit": ""}, about, words=words)
 
 
 def _overflows(plant: Plant, flights: Flights) -> list[Variant]:
