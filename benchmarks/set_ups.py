@@ -257,53 +257,53 @@ _UAV = ss.Aircraft.from_dict({"name": "glider", "mass": 3.0, "S": 0.5, "b": 2.0,
 _WIND, _STILL = (6.0, -3.0), (0.0, 0.0)
 
 
-def _of(run: Callable[..., Run], *accept: str, aircraft: ss.Aircraft | None = None, **given: object) -> SetUp:
+def set_up(run: Callable[..., Run], *accept: str, aircraft: ss.Aircraft | None = None, **given: object) -> SetUp:
     return SetUp(frozenset(accept), partial(run, **given), aircraft)
 
 
 SET_UPS: dict[str, SetUp] = {
-    **{f"joint, {c}": _of(joint, "friction", states=c) for c in ("current", "acc")},
-    **{f"joint, {c}, without": _of(joint, states=c, friction=0.0) for c in ("current", "acc")},
-    **{f"slide, {c}": _of(slide, "friction", states=c) for c in ("speed", "speed beside place", "place", "force")},
-    **{f"slide, {c}, without": _of(slide, states=c, friction=0.0) for c in ("speed", "place", "force")},
-    "servo, play": _of(servo, "backlash", backlash=0.03),
-    "servo, rate": _of(servo, "actuator-rate-limit", rate=0.4),
-    "servo, without": _of(servo),
-    "heater, limit": _of(heater, "saturation", most=0.7),
-    "heater, delay": _of(heater, "actuator-lag", "sensor-delay", late=8.0),
-    "heater, without": _of(heater),
-    "tank, orifice": _of(tank, "missing-term", "stiffening", "unknown", orifice=True),
-    "tank, without": _of(tank, orifice=False),
-    "pendulum": _of(pendulum, "stiffening"),
-    "ship": _of(ship, "missing-term"),
-    "quadrotor, steady wind": _of(quadrotor, "steady-wind", wind="steady"),
-    "quadrotor, fan": _of(quadrotor, "wind-shear", "gust", wind="fan"),
-    "quadrotor, without": _of(quadrotor, wind="none"),
-    "hover, steady wind": _of(hover, "steady-wind", wind=(3.0, -2.0)),
-    "hover, without": _of(hover, wind=_STILL),
+    **{f"joint, {c}": set_up(joint, "friction", states=c) for c in ("current", "acc")},
+    **{f"joint, {c}, without": set_up(joint, states=c, friction=0.0) for c in ("current", "acc")},
+    **{f"slide, {c}": set_up(slide, "friction", states=c) for c in ("speed", "speed beside place", "place", "force")},
+    **{f"slide, {c}, without": set_up(slide, states=c, friction=0.0) for c in ("speed", "place", "force")},
+    "servo, play": set_up(servo, "backlash", backlash=0.03),
+    "servo, rate": set_up(servo, "actuator-rate-limit", rate=0.4),
+    "servo, without": set_up(servo),
+    "heater, limit": set_up(heater, "saturation", most=0.7),
+    "heater, delay": set_up(heater, "actuator-lag", "sensor-delay", late=8.0),
+    "heater, without": set_up(heater),
+    "tank, orifice": set_up(tank, "missing-term", "stiffening", "unknown", orifice=True),
+    "tank, without": set_up(tank, orifice=False),
+    "pendulum": set_up(pendulum, "stiffening"),
+    "ship": set_up(ship, "missing-term"),
+    "quadrotor, steady wind": set_up(quadrotor, "steady-wind", wind="steady"),
+    "quadrotor, fan": set_up(quadrotor, "wind-shear", "gust", wind="fan"),
+    "quadrotor, without": set_up(quadrotor, wind="none"),
+    "hover, steady wind": set_up(hover, "steady-wind", wind=(3.0, -2.0)),
+    "hover, without": set_up(hover, wind=_STILL),
     **{
-        f"glider, {c}": _of(glider, "steady-wind", aircraft=_UAV, states=c, wind=_WIND)
+        f"glider, {c}": set_up(glider, "steady-wind", aircraft=_UAV, states=c, wind=_WIND)
         for c in ("velocity", "velocity, with alpha", "airspeed")
     },
-    "glider, without": _of(glider, aircraft=_UAV, states="velocity", wind=_STILL),
-    "roll, bend": _of(roll, "control-nonlinearity", "missing-term", concealed="bend"),
-    "roll, mode": _of(roll, "structural-mode", concealed="mode"),
-    "roll, without": _of(roll, concealed="none"),
-    "pedal": _of(pedal, "control-nonlinearity", "backlash"),
+    "glider, without": set_up(glider, aircraft=_UAV, states="velocity", wind=_STILL),
+    "roll, bend": set_up(roll, "control-nonlinearity", "missing-term", concealed="bend"),
+    "roll, mode": set_up(roll, "structural-mode", concealed="mode"),
+    "roll, without": set_up(roll, concealed="none"),
+    "pedal": set_up(pedal, "control-nonlinearity", "backlash"),
 }
 
 
-def main() -> None:
+def main(set_ups: Mapping[str, SetUp] = SET_UPS, about: str | None = __doc__) -> None:
     """Print a row for each set-up and seed, and how many are right."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(description=(about or "").splitlines()[0])
     parser.add_argument("names", nargs="*", help="by default all")
     parser.add_argument("--seeds", type=int, default=3)
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     right = total = 0
     print("| set-up | seed | verdict | probability | findings | right | s |\n|---|---|---|---|---|---|---|")
-    for name in given.names or SET_UPS:
-        one = SET_UPS[name]
+    for name in given.names or set_ups:
+        one = set_ups[name]
         for seed in range(given.seeds):
             rng = np.random.default_rng(seed)
             runs = [one.run(rng, k) for k in range(RUNS)]

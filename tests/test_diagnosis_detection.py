@@ -1,7 +1,6 @@
 """A mismatch is detected from prediction errors before it is named, and a correct simulation is not."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,13 +15,14 @@ from structsel.comparison.past_motion import averaged, evaluated_at_readings, re
 from structsel.comparison.preparing import prepare
 from structsel.comparison.sensitivity import misread
 from structsel.comparison.tolerances import Nuisance, _jumped, tolerances_of
-from structsel.diagnosis.detection import SCALE, Detection, _remainder, detect, features
+from structsel.diagnosis.detection import SCALE, Detection, detect
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking, with_detection
 from structsel.diagnosis.result import Event
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.unattributed import detected
+from structsel.diagnosis.unknown_function import features, log_bayes_beyond_form
 from structsel.diagnosis.weighing import FEATURES, CandidateEffect, log_bayes
 from tests.benchmark_modules import load_benchmark
 from tests.models import model_of
@@ -76,7 +76,7 @@ def test_a_moment_that_follows_the_bank_angle_is_detected_as_one_function_among_
     assert found.probability > 0.5
     rows = CausalRows(flights, tolerances_of(flights))
     inside = [rows.size["Cm"] * x[rows.edge : len(x) - rows.edge] for x in features(flights)]
-    assert _remainder(rows, rows.null(), "Cm", inside, 0.015) < 0.8 * found.remainder["Cm"]
+    assert log_bayes_beyond_form(rows, rows.null(), "Cm", inside, 0.015) < 0.8 * found.remainder["Cm"]
 
 
 def test_control_derivatives_within_tolerance_are_no_mismatch_where_surfaces_step():
@@ -290,11 +290,6 @@ def test_nothing_exceeds_a_form_that_leaves_more_than_the_response(bent):
     found = detect(flights, DiagnosisProblem.set_up(flights, ()))
     assert found.remainder["CZ"] == -np.inf
     assert found.probability < 0.05
-
-
-def test_a_plant_without_coefficients_is_not_asked():
-    plant = SimpleNamespace(simulated={"level": np.zeros(100)}, channels={})
-    assert detect([plant], None) is None
 
 
 def test_the_ledger_places_the_evidence_of_a_quadratic_term_in_its_response(bent):

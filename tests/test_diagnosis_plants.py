@@ -8,6 +8,7 @@ from structsel.comparison.plant import find_plant
 from structsel.comparison.preparing import prepare
 from structsel.comparison.tolerances import tolerances_of
 from structsel.diagnosis import diagnose
+from structsel.effects.operators import oscillate
 from structsel.numerics.dynamic_elements import actuate, delayed, first_order_lag
 from structsel.recording import Recording
 
@@ -127,6 +128,20 @@ def test_what_is_quick_in_a_simulation_without_noise_is_not_taken_for_noise():
     runs = case(servo(lambda t, x: x))
     assert not [n.name for n in tolerances_of(prepare(*runs, None).flights) if n.name.endswith("noise")]
     assert diagnose(*runs).verdict == "consistent"
+
+
+def test_a_quick_torque_beside_a_mode_that_opposes_it_is_not_taken_for_noise():
+    def motor(rng, k):
+        t = 0.004 * np.arange(3000)
+        torque = smooth(rng, len(t), 2.5, 1.0)
+        acceleration = 20.0 * torque + 8.0 * oscillate(torque, 0.004, 7.0, 0.04) + rng.standard_normal(len(t))
+        return t, {"torque": torque, "acceleration": acceleration}, {"acceleration": 20.0 * torque}
+
+    runs = case(motor)
+    assert not [n.name for n in tolerances_of(prepare(*runs, None).flights) if n.name.endswith("noise")]
+    found = diagnose(*runs)
+    assert found.verdict == "mismatch"
+    assert found.findings[0].effect == "structural-mode"
 
 
 def test_the_force_that_a_motion_needs_rises_with_friction():

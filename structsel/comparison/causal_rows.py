@@ -62,24 +62,22 @@ class CausalRows:
     flights : sequence of Flight
     nuisances : sequence of Nuisance
         Tolerances common to all flights.
+    responses : sequence of str, optional
+        By default the simulated coefficients.
     """
 
-    def __init__(self, flights: Sequence[Flight], nuisances: Sequence[Nuisance]):
+    def __init__(
+        self, flights: Sequence[Flight], nuisances: Sequence[Nuisance], responses: Sequence[str] | None = None
+    ):
         self.flights = list(flights)
-        self.responses = [c for c in flights[0].simulated if c in COEFFICIENTS]
+        self.responses = list(responses or [c for c in flights[0].simulated if c in COEFFICIENTS])
         dt = float(np.median([f.dt for f in flights]))
         self.edge = DELAY
         shortest = min(len(f) for f in flights) - 2 * self.edge
         self.order = min(int(np.clip(round(_ORDER_SPAN / dt), _FEWEST, _LARGEST)), shortest // 3)
         kept = [n for n in nuisances if not n.ahead]
         self.tolerances = kept
-        late = {n.name: n.columns for n in tolerances_of([with_motion_delayed(f) for f in flights])}
-        # An accelerometer off its place feels the angular acceleration of its own sample, not of four before.
-        turning = [backward_rates(f) for f in flights]
-        late |= {
-            f"accelerometer {x}": [accelerometer_moved(f, k, w) for f, w in zip(flights, turning)]
-            for k, x in enumerate("xyz")
-        }
+        columns_of = _tolerance_columns(flights, kept)
         self.y: dict[tuple[str, int], Array] = {}
         self.X: dict[tuple[str, int], Array] = {}
         self.place: dict[tuple[str, int], NDArray[np.intp]] = {}
@@ -89,9 +87,9 @@ class CausalRows:
             own = [*_own(f), *_timing(f)]
             inside = slice(self.edge, len(f) - self.edge)
             for c in self.responses:
-                shared = [k for k, n in enumerate(kept) if n.name in late and c in late[n.name][i]]
+                shared = [k for k, n in enumerate(kept) if n.name in columns_of and c in columns_of[n.name][i]]
                 mine = [k for k, (_, x) in enumerate(own) if c in x]
-                columns = [averaged(f, c, kept[k].sd * late[kept[k].name][i][c]) for k in shared]
+                columns = [averaged(f, c, kept[k].sd * columns_of[kept[k].name][i][c]) for k in shared]
                 columns += [own[k][0] * own[k][1][c] for k in mine]
                 X = np.column_stack(columns) if columns else np.zeros((len(f), 0))
                 self.X[c, i], self.y[c, i] = X[inside], referred(f, c, fraction)[inside]
@@ -125,6 +123,10 @@ class CausalRows:
         log = -0.5 * (sum(power.values()) - float(half @ half)) - float(np.log(np.diag(lower)).sum())
         covariance = scipy.linalg.cho_solve((lower, True), np.eye(self.q))
         return Null(log + sum(density.values()), filters, products, mean, covariance, A, b, power, density)
+
+    def inside(self, columns: Sequence[Array]) -> list[Array]:
+        """Samples of each flight's columns (n, k) that the rows have: without its ends."""
+        return [x[self.edge : len(x) - self.edge] for x in columns]
 
     def columns(self, response: str, more: Sequence[Array] | None = None) -> list[Array]:
         """Tolerances and biases of each flight, the difference, and further columns."""
@@ -235,6 +237,21 @@ class Remainder:
     log_bayes: float
     size: float
     coefficients: Array
+
+
+def _tolerance_columns(
+    flights: Sequence[Flight], tolerances: Sequence[Nuisance]
+) -> dict[str, Sequence[Mapping[str, Array]]]:
+    """Columns of each tolerance, with the motion of some samples before; a plant's are its simulated response's."""
+    if not set(COEFFICIENTS) & set(flights[0].simulated):
+        return {n.name: n.columns for n in tolerances}
+    made = {n.name: n.columns for n in tolerances_of([with_motion_delayed(f) for f in flights])}
+    # An accelerometer off its place feels the angular acceleration of its own sample, not of four before.
+    turning = [backward_rates(f) for f in flights]
+    return made | {
+        f"accelerometer {x}": [accelerometer_moved(f, k, w) for f, w in zip(flights, turning)]
+        for k, x in enumerate("xyz")
+    }
 
 
 def _own(f: Flight) -> list[tuple[float, Mapping[str, Array]]]:

@@ -244,7 +244,9 @@ def _of_readings(flights: Sequence[Flight], response: str) -> list[Nuisance]:
     noise = [estimate_white_noise(f.simulated[response]) for f in flights]
     power = sum(float(x @ x) for x in noise)
     product = sum(float(x @ estimate_white_noise(f.difference[response])) for f, x in zip(flights, noise))
-    if not power or abs(product / power + 1.0) > 0.5:  # nearer to none of it than to all
+    successive = sum(float(x[1:] @ x[:-1]) for x in noise)
+    # Nearer to none of it than to all; or nearer to a quick signal, whose samples are alike, than to noise.
+    if not power or abs(product / power + 1.0) > 0.5 or successive > 0.5 * power:
         return []
     late = [{response: -f.rate(f.simulated[response] - x)} for f, x in zip(flights, noise)]
     sd = WITHIN_SAMPLE * float(np.median([f.dt for f in flights]))

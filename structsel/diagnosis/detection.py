@@ -2,45 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
 
 from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.flight import AIRFRAME, Flight
-from structsel.comparison.past_motion import DELAY, delayed
+from structsel.comparison.plant import answers, find_plant
 from structsel.comparison.tolerances import Nuisance
+from structsel.diagnosis.change_times import find_event, find_step, gain_columns
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, explained_by_form
 from structsel.diagnosis.isolated import IsolatedResidual, find_isolated
-from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted
+from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted, find_predicted_in_plant
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.residuals import residuals, white_fraction
 from structsel.diagnosis.result import Event
+from structsel.diagnosis.unknown_function import (
+    ATTITUDE,
+    FORM,
+    features,
+    form_of,
+    log_bayes_beyond_form,
+    of_unit_size,
+    plant_features,
+    unknown_function,
+)
 from structsel.diagnosis.weighing import CandidateEffect
 from structsel.nomenclature import COEFFICIENTS
-from structsel.numerics.arrays import Array
 
-_CHANNELS = (
-    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "mach", "CT", "h_agl", "df", "gear",
-)  # fmt: skip
-_ATTITUDE = ("phi", "theta", "psi")
-_MOTION = frozenset({"alpha", "beta", "p_hat", "q_hat", "r_hat", "mach", "CT", "h_agl", *_ATTITUDE})
-_PRODUCTS = (
-    ("alpha", "beta"), ("alpha", "de"), ("alpha", "da"), ("alpha", "dr"), ("alpha", "q_hat"), ("alpha", "p_hat"),
-    ("alpha", "r_hat"), ("CT", "de"), ("CT", "alpha"), ("CT", "beta"), ("alpha", "mach"), ("de", "mach"),
-    ("beta", "mach"), ("da", "mach"), ("p_hat", "r_hat"), ("q_hat", "mach"), ("p_hat", "mach"), ("alpha", "h_agl"),
-)  # fmt: skip
-_PAST = ("alpha", "beta", "de", "da", "dr", "q_hat", "p_hat", "r_hat", "CT")
-_DELAYS = (0.15, 0.4, 1.0)  # s
-_ORDERS = 4  # cosines over the range of a channel
-_SIZES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0])
-"""Sizes of an unknown function of the channels, relative to the rms variation of the simulated response."""
-_FORM, _FORM_IDENTIFIED = 0.015, 0.05
-"""Sizes within the tolerance `form`: for a simulation that states coefficients, and for one whose coefficients were
-identified from its own flights."""
-_EVENT_SIZES = np.geomspace(0.02, 2.0, 5)  # the same
 _PRIOR = {"remainder": 0.64, "event": 0.36}
 """Prior probabilities of the kinds of mismatch other than an exceeded tolerance, given a mismatch."""
 _EVEN = {"remainder": (35.0, 5.0), "event": (60.0, 10.0)}
@@ -69,6 +60,8 @@ class Detection:
         The residual that lasts most.
     predicted : PredictedEffect, optional
         The most probable effect.
+    gains : mapping of response to float, optional
+        Of a plant: another gain in some recordings, or one that changes with time.
     """
 
     tolerances: tuple[ExceededTolerance, ...]
@@ -77,13 +70,14 @@ class Detection:
     deviations: tuple[tuple[Nuisance, float, float], ...] = ()
     isolated: IsolatedResidual | None = None
     predicted: PredictedEffect | None = None
+    gains: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def parts(self) -> dict[str, float]:
         """Log Bayes factor of each kind other than an exceeded tolerance."""
         return {
-            "remainder": _any_of(list(self.remainder.values())),
-            "event": _any_of([e[0] for e in self.events]),
+            "remainder": _any_of([*self.remainder.values(), *self.gains.values()]),
+            "event": _any_of([e[0] for e in self.events]) if self.events else -np.inf,
         }
 
     @property
@@ -91,9 +85,10 @@ class Detection:
         """Responses with evidence of the mismatch, the largest first."""
         if self.alone is not None:
             return (self.alone.response,)
-        largest = max(self.remainder.values())
-        shown = [c for c, x in self.remainder.items() if x > _SHOWN * largest or x == largest]
-        return tuple(sorted(shown, key=lambda c: -self.remainder[c]))
+        each = {c: max(x, self.gains.get(c, x)) for c, x in self.remainder.items()}
+        largest = max(each.values())
+        shown = [c for c, x in each.items() if x > _SHOWN * largest or x == largest]
+        return tuple(sorted(shown, key=lambda c: -each[c]))
 
     @property
     def log_odds(self) -> tuple[float, float, float]:
@@ -152,6 +147,8 @@ class Detection:
             return (
                 f"The differences change in '{one.recording}' at {one.t:.1f} +- {one.std:.1f} s ({one.shape}; {size})."
             )
+        if self.gains and max(self.gains.values()) > max(self.remainder.values()):
+            return f"The gain of {', '.join(self.axes)} changes between recordings or along them ({size})."
         return (
             f"What recorded states and inputs predict of the differences in {', '.join(self.axes)} exceeds noise and "
             f"tolerances ({size})."
@@ -160,7 +157,8 @@ class Detection:
     @property
     def event(self) -> tuple[Event, ...]:
         """The most probable event, if it is more probable than the other kinds of mismatch."""
-        if self.alone is not None or self.is_tolerance or self.parts["event"] < self.parts["remainder"]:
+        parts = self.parts
+        if not self.events or self.alone is not None or self.is_tolerance or parts["event"] < parts["remainder"]:
             return ()
         return (max(self.events, key=lambda one: one[0])[1],)
 
@@ -183,73 +181,83 @@ def detect(
     candidates : sequence of CandidateEffect
         Effects that may be there.
     """
-    if not set(flights[0].simulated) & set(COEFFICIENTS) or not set(AIRFRAME) <= set(flights[0].channels):
+    if not set(flights[0].simulated) & set(COEFFICIENTS):
+        return _detect_in_plant(flights, problem, candidates)
+    if not set(AIRFRAME) <= set(flights[0].channels):
         return None
     rows = CausalRows(flights, problem.nuisances)
-    form = _form_of(flights, rows.responses)
+    form = form_of(flights, rows.responses)
     null = rows.null()
-    F = features(flights)
-    inside = [x[rows.edge : len(x) - rows.edge] for x in F]
-    single = _of_unit_size([x[rows.edge : len(x) - rows.edge] for x in features(flights, _ATTITUDE)])
-    remainder = {c: _unknown_function(rows, null, c, inside, single, form[c]) for c in rows.responses}
-    events = [_event(rows, null, i) for i in range(len(flights))]
+    inside = rows.inside(features(flights))
+    single = of_unit_size(rows.inside(features(flights, ATTITUDE)))
+    remainder = {c: unknown_function(rows, null, c, inside, single, form[c]) for c in rows.responses}
+    events = [find_event(rows, null, i) for i in range(len(flights))]
     white = white_fraction(problem) or 0.0
     alike = explained_by_form(problem, rows.size, form)
     causes = exceeded(rows.tolerances, null.mean, null.covariance, form=alike) + exceeded_as_recorded(
         problem, alike, white
     )
+    predicted = find_predicted(rows, null, candidates, white)
+    return Detection(
+        _best_of_each(causes), remainder, events, _deviations(rows, null), isolated_residual(problem), predicted
+    )
+
+
+def _detect_in_plant(
+    flights: Sequence[Flight], problem: DiagnosisProblem, candidates: Sequence[CandidateEffect]
+) -> Detection | None:
+    """Evidence of any mismatch of a plant; where all is simulated from its recorded motion, of an effect on its level.
+
+    A simulation at recorded motion contains its noise, which the differences then have with the opposite sign. Every
+    function of that motion would explain them, and the past of what was measured may predict it better than the
+    simulation does.
+    """
+    responses = sorted(set(flights[0].simulated) - simulated_at_readings(flights, problem.nuisances))
+    if not responses:
+        return _detect_level(flights, problem, candidates)
+    rows = CausalRows(flights, problem.nuisances, responses)
+    form = form_of(flights, responses)
+    null = rows.null()
+    inside = rows.inside(plant_features(flights, responses))
+    single = of_unit_size(inside)
+    remainder = {c: unknown_function(rows, null, c, inside, single, form[c]) for c in responses}
+    gains = {c: log_bayes_beyond_form(rows, null, c, rows.inside(gain_columns(flights, c)), FORM) for c in responses}
+    events = [find_step(rows, null, i) for i in range(len(flights))]
+    causes = exceeded(rows.tolerances, null.mean, null.covariance, form=explained_by_form(problem, rows.size, form))
+    predicted = find_predicted_in_plant(rows, null, candidates, form)
+    return Detection(_best_of_each(causes), remainder, events, _deviations(rows, null), None, predicted, gains)
+
+
+def _detect_level(
+    flights: Sequence[Flight], problem: DiagnosisProblem, candidates: Sequence[CandidateEffect]
+) -> Detection | None:
+    """Evidence of the most probable effect if it explains the level, of which the noise of the motion says nothing."""
+    first = max(candidates, key=lambda one: one.log_odds, default=None)
+    if first is None or not first.constant:
+        return None
+    rows = CausalRows(flights, problem.nuisances, sorted(flights[0].simulated))
+    null = rows.null()
+    nothing = dict.fromkeys(rows.responses, -np.inf)
+    return Detection((), nothing, [], _deviations(rows, null), None, find_predicted(rows, null, [first], 1.0))
+
+
+def _best_of_each(causes: Sequence[ExceededTolerance]) -> tuple[ExceededTolerance, ...]:
+    """The most probable explanation by each tolerance."""
     best: dict[str, ExceededTolerance] = {}
     for one in sorted(causes, key=lambda one: -one.log_bayes):
         best.setdefault(one.tolerance.name, one)
+    return tuple(best.values())
+
+
+def _deviations(rows: CausalRows, null: Null) -> tuple[tuple[Nuisance, float, float], ...]:
     std = np.sqrt(np.diag(null.covariance))
-    deviations = tuple((n, float(m), float(s)) for n, m, s in zip(rows.tolerances, null.mean, std))
-    predicted = find_predicted(rows, null, candidates, white)
-    return Detection(tuple(best.values()), remainder, events, deviations, isolated_residual(problem), predicted)
+    return tuple((n, float(m), float(s)) for n, m, s in zip(rows.tolerances, null.mean, std))
 
 
 def isolated_residual(problem: DiagnosisProblem) -> IsolatedResidual | None:
     """The coefficient whose residual of tolerances and effects lasts most; None with too few coefficients."""
-    form = _form_of(problem.flights, [c for c in problem.responses if c in COEFFICIENTS])
-    return find_isolated(problem.flights, residuals(problem), {c: x for c, x in form.items() if x > _FORM})
-
-
-def _form_of(flights: Sequence[Flight], responses: Sequence[str]) -> dict[str, float]:
-    """Error of the form of the simulation of each response, relative to the rms by which it varies."""
-    least = _FORM_IDENTIFIED if flights[0].is_identified else _FORM
-    stated = [dict.fromkeys(responses, least), flights[0].form_error, flights[0].fit_error]
-    return {c: max(one.get(c, 0.0) for one in stated) for c in responses}
-
-
-def _unknown_function(
-    rows: CausalRows, null: Null, response: str, F: Sequence[Array], single: Sequence[Array], form: float
-) -> float:
-    """Log Bayes factor of an unknown function of the channels: of all features together, or of one of them alone.
-
-    A prior that spreads over a hundred features has no evidence of a function that is one of them: of a moment that
-    follows the square of the bank angle, 0.6 of the variance of Cm, -1 together and 163 alone. Alone, 13 correct
-    simulations (development seeds) have -2 at most. None is larger than a form that leaves more than the response.
-    """
-    if not np.any(form < _SIZES):
-        return -np.inf
-    together = _remainder(rows, null, response, [x * rows.size[response] for x in F], form)
-    each = [x * rows.size[response] for x in single]
-    by_itself = rows.single(null, response, dict(enumerate(each)), _SIZES[form < _SIZES])
-    k = int(np.argmax(scipy.special.logsumexp(by_itself, axis=1)))  # the likeliest, with the noise of the null
-    alone = _remainder(rows, null, response, [x[:, [k]] for x in each], form) - np.log(each[0].shape[1])
-    return float(np.logaddexp(together, alone) - np.log(2.0))
-
-
-def _of_unit_size(F: Sequence[Array]) -> list[Array]:
-    """Columns that vary, each with the standard deviation one over all flights."""
-    size = np.concatenate(F).std(axis=0)
-    return [x[:, size > 1e-9] / size[size > 1e-9] for x in F]
-
-
-def _remainder(rows: CausalRows, null: Null, response: str, F: Sequence[Array], form: float) -> float:
-    """Log Bayes factor of an unknown function of the channels beyond the tolerance of the form."""
-    within = form >= _SIZES
-    beyond = rows.remainder(null, response, F, _SIZES[~within]).log_bayes
-    return beyond if beyond < 0.0 else beyond - max(0.0, rows.remainder(null, response, F, _SIZES[within]).log_bayes)
+    form = form_of(problem.flights, [c for c in problem.responses if c in COEFFICIENTS])
+    return find_isolated(problem.flights, residuals(problem), {c: x for c, x in form.items() if x > FORM})
 
 
 def _any_of(logs: Sequence[float]) -> float:
@@ -259,81 +267,7 @@ def _any_of(logs: Sequence[float]) -> float:
     return float(np.logaddexp(one, several) - np.log(2.0))
 
 
-def features(flights: Sequence[Flight], further: Sequence[str] = ()) -> list[Array]:
-    """Functions of the channels and of their recent past, per flight; each of the same rms, together of rms one.
-
-    The motion is delayed by some samples, the inputs are not. Products of `further` channels are those with the angle
-    of attack.
-    """
-    each: dict[str, list[Array]] = {}
-    for c in (*_CHANNELS, *further):
-        if all(c in f or c in f.channels for f in flights):
-            x = [np.asarray(f[c], dtype=float) for f in flights]
-            together = np.concatenate(x)
-            if np.ptp(together) > 1e-9 * max(1.0, float(np.abs(together).max())):
-                each[c] = [np.log(np.maximum(one, 0.0) + 2.0) for one in x] if c == "h_agl" else x
-    columns: list[list[Array]] = []
-    weights: list[float] = []
-
-    def add(x: list[Array], weight: float, moved: bool, least: float = 0.0) -> None:
-        lagged = [delayed(one, DELAY) for one in x] if moved else x
-        together = np.concatenate(lagged)
-        size = max(float(together.std()), least)
-        if size > 1e-9:
-            columns.append([(one - together.mean()) / size for one in lagged])
-            weights.append(weight)
-
-    unit: dict[str, list[Array]] = {}
-    for c, x in each.items():
-        together = np.concatenate(x)
-        low, high = np.quantile(together, [0.002, 0.998])
-        along = [np.clip((one - low) / max(high - low, 1e-300), -0.05, 1.05) for one in x]
-        unit[c] = [(one - together.mean()) / together.std() for one in x]
-        add(unit[c], 1.0, c in _MOTION)
-        for k in range(2, _ORDERS + 1):
-            add([np.cos(np.pi * k * one) for one in along], 1.0 / (1.0 + (k / 4.0) ** 2), c in _MOTION)
-    for a, b in (*_PRODUCTS, *(("alpha", c) for c in further)):
-        if a in unit and b in unit:
-            add([x * y for x, y in zip(unit[a], unit[b])], 0.7, a in _MOTION or b in _MOTION)
-    for c in (c for c in _PAST if c in unit):
-        for delay in _DELAYS:
-            past = [delayed(x, max(1, round(delay / f.dt))) - x for x, f in zip(unit[c], flights)]
-            # A difference keeps its size: a channel that hardly changes has little memory.
-            add(past, 0.7, c in _MOTION, 0.3)
-    add([np.ones(len(f)) for f in flights], 0.0, False)
-    w = np.array(weights) / np.linalg.norm(weights)
-    return [np.column_stack([column[i] for column in columns]) * w for i in range(len(flights))]
-
-
-_SHAPES = ("step", "pulse", "pulse", "ramp")
-_EVERY = 1.0  # s, between the times at which events are sought
-
-
-def shapes(t: Array, every: float = _EVERY) -> tuple[Array, list[str], Array]:
-    """Steps, pulses and ramps on a grid of times: columns (n, k), their shapes and times."""
-    at = np.arange(1.5, t[-1] - 1.5, every)
-    off = t[:, None] - at
-    columns = [(off >= 0.0).astype(float)]
-    columns += [np.where(np.abs(off) < w / 2.0, 0.5 * (1.0 + np.cos(2.0 * np.pi * off / w)), 0.0) for w in (1.0, 4.0)]
-    columns.append(np.clip(off / 5.0, 0.0, 1.0))
-    return np.hstack(columns), [s for s in _SHAPES for _ in at], np.tile(at, len(_SHAPES))
-
-
-def _event(rows: CausalRows, null: Null, i: int) -> tuple[float, Event]:
-    """Log Bayes factor of an event in one flight, and the most probable one."""
-    f = rows.flights[i]
-    S, shape, at = shapes(f.t - f.t[0])
-    if not len(at):  # too short for an event
-        return 0.0, Event(f.name, float(f.t[0]), 0.0, _SHAPES[0])
-    total = np.zeros(len(at))
-    for c in rows.responses:
-        each = rows.single(null, c, {i: S[rows.edge : len(S) - rows.edge]}, _EVENT_SIZES * rows.size[c])
-        one = scipy.special.logsumexp(each, axis=1) - np.log(len(_EVENT_SIZES))
-        total += np.logaddexp(0.0, one) - np.log(2.0)
-    best = shape[int(np.argmax(total))]
-    same = np.array([s == best for s in shape])
-    weight = scipy.special.softmax(total[same])
-    t = float(weight @ at[same])
-    std = float(np.sqrt(weight @ (at[same] - t) ** 2 + _EVERY**2 / 12.0))  # the grid adds its own
-    log_bayes = float(scipy.special.logsumexp(total) - np.log(len(total)))
-    return log_bayes, Event(f.name, float(f.t[0]) + t, std, best)
+def simulated_at_readings(flights: Sequence[Flight], nuisances: Sequence[Nuisance]) -> set[str]:
+    """Responses of a plant that are simulated from its recorded motion, with its noise, not from inputs alone."""
+    noisy = {c for n in nuisances if n.ahead for one in n.columns for c in one}
+    return noisy | {c for c in answers(flights) if find_plant(flights, c).along is not None}

@@ -6,14 +6,16 @@ What the past does not predict is white.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.past_motion import with_motion_delayed
+from structsel.diagnosis.unknown_function import log_bayes_beyond_form, of_unit_size
 from structsel.diagnosis.weighing import AGREED, CandidateEffect
+from structsel.numerics.arrays import Array
 
 _EVEN, _SCALE = 12.0, 1.5
 """Log Bayes factor times the fraction of white noise in the residual forces, at which an effect has probability one
@@ -63,13 +65,50 @@ def find_predicted(
     white : float
         Fraction of white noise in the residual of the forces.
     """
-    first = max(candidates, key=lambda one: one.log_odds, default=None)
-    if first is None or first.score.event or first.score.hypothesis.kind == "sensor":
+    first = _first_candidate(candidates)
+    if first is None:
         return None
-    variant = first.score.signature.variant
-    sd = np.array([parameter.sd for parameter in variant.parameters])
-    late = [with_motion_delayed(f) for f in rows.flights]
-    columns = [{c: x * sd for c, x in variant.columns(f).items() if c in rows.responses and x.any()} for f in late]
+    columns = _columns(rows, first)
     if not any(columns):
         return None
     return PredictedEffect(first.effect, rows.jointly(null, columns), white, first.of_form)
+
+
+def find_predicted_in_plant(
+    rows: CausalRows, null: Null, candidates: Sequence[CandidateEffect], form: Mapping[str, float]
+) -> PredictedEffect | None:
+    """The same of a plant, in the response in which it is clearest, beyond the error of the simulation's form.
+
+    Parameters
+    ----------
+    rows : CausalRows
+    null : Null
+    candidates : sequence of CandidateEffect
+    form : mapping of response to float
+        Error of the form, relative to the rms by which the response varies.
+    """
+    first = _first_candidate(candidates)
+    if first is None:
+        return None
+    columns = _columns(rows, first)
+    logs = []
+    for c in rows.responses:
+        if any(c in one for one in columns):
+            count = next(one[c].shape[1] for one in columns if c in one)
+            each = [one.get(c, np.zeros((len(f), count))) for one, f in zip(columns, rows.flights)]
+            F = [x * rows.size[c] / np.sqrt(count) for x in of_unit_size(rows.inside(each))]
+            logs.append(log_bayes_beyond_form(rows, null, c, F, form[c]))
+    return PredictedEffect(first.effect, max(logs), 1.0, first.of_form) if logs else None
+
+
+def _first_candidate(candidates: Sequence[CandidateEffect]) -> CandidateEffect | None:
+    first = max(candidates, key=lambda one: one.log_odds, default=None)
+    return None if first is None or first.score.event or first.score.hypothesis.kind == "sensor" else first
+
+
+def _columns(rows: CausalRows, candidate: CandidateEffect) -> list[dict[str, Array]]:
+    """Columns of its form, of prior standard deviation one, with the motion of some samples before."""
+    variant = candidate.score.signature.variant
+    sd = np.array([parameter.sd for parameter in variant.parameters])
+    moved = [with_motion_delayed(f) for f in rows.flights]
+    return [{c: x * sd for c, x in variant.columns(f).items() if c in rows.responses and x.any()} for f in moved]

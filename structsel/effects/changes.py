@@ -100,7 +100,7 @@ class ChangeSearch:
     def of(cls, flights: Flights, responses: Sequence[str], factor: Column | None = None) -> ChangeSearch:
         """In some responses, of the manoeuvres that have all of them; a change is multiplied by `factor`, if any."""
         wanted = held(flights, responses)
-        channels = [c for c in dict.fromkeys(c for r in wanted for c in CHANNELS_OF[r]) if moves(flights, c)]
+        channels = [c for c in dict.fromkeys(c for r in wanted for c in CHANNELS_OF.get(r, ())) if moves(flights, c)]
         there = [f for f in flights if wanted and all(r in f.measured for r in wanted)]
         return cls(
             [
