@@ -16,10 +16,10 @@ from structsel.comparison.preparing import prepare
 from structsel.comparison.sensitivity import misread
 from structsel.comparison.tolerances import Nuisance, _jumped, tolerances_of
 from structsel.diagnosis.detection import SCALE, Detection, detect
+from structsel.diagnosis.event import Event
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking, with_detection
-from structsel.diagnosis.result import Event
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.unattributed import detected
 from structsel.diagnosis.unknown_function import features, log_bayes_beyond_form

@@ -8,10 +8,10 @@ import pytest
 
 import structsel as ss
 from structsel.diagnosis.detection import Detection, detect
+from structsel.diagnosis.event import Event
 from structsel.diagnosis.isolated import IsolatedResidual, find_isolated, lasting_residuals
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import with_detection
-from structsel.diagnosis.result import Event
 from structsel.recording import Recording
 from tests.noisy_flights import flights_with
 

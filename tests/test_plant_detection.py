@@ -57,14 +57,20 @@ def test_a_gain_that_falls_from_run_to_run_is_a_mismatch():
 
 
 @pytest.mark.parametrize(
-    "make", [{"factor": lightened}, {"level": lambda k, t: np.where(t + 30.0 * k > 75.0, 1.5, 0.0)}]
+    ("make", "change"),
+    [
+        ({"factor": lightened}, "the gain of az by +25 %"),
+        ({"level": lambda k, t: np.where(t + 30.0 * k > 75.0, 1.5, 0.0)}, "the level of az by +1.5"),
+    ],
 )
-def test_a_step_is_a_mismatch_at_its_time(make):
+def test_a_step_is_a_mismatch_at_its_time_with_its_size(make, change):
     found = diagnose(*multicopter(**make))
     (event,) = found.findings[0].events
     assert found.verdict == "mismatch"
     assert event.recording == "run 2"
     assert abs(event.t - 15.0) < 3.0 * event.std + DT
+    assert event.change[:24] == change[:24]
+    assert f"run 2 {event.says}" in " ".join(str(found).split())
 
 
 @pytest.mark.parametrize("seed", range(3))

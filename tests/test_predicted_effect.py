@@ -11,10 +11,10 @@ from scipy.special import expit
 from structsel.comparison.causal_rows import CausalRows
 from structsel.comparison.tolerances import tolerances_of
 from structsel.diagnosis.detection import Detection, detect
+from structsel.diagnosis.event import Event
 from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import with_detection
-from structsel.diagnosis.result import Event
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.weighing import FEATURES, CandidateEffect
 from tests.noisy_flights import flights_with, tried

@@ -10,7 +10,7 @@ import scipy
 
 from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.flight import Flight
-from structsel.diagnosis.result import Event
+from structsel.diagnosis.event import Event
 from structsel.effects.changes import ChangeSearch
 from structsel.numerics.arrays import Array
 
@@ -56,6 +56,8 @@ class _SoughtStep:
 
     Attributes
     ----------
+    of : str
+        "level" or "gain".
     column : (n,) array
         What it adds at size one: the response's rms, or its simulated values.
     t, std : float [s]
@@ -64,6 +66,7 @@ class _SoughtStep:
         Number of times at which it was sought.
     """
 
+    of: str
     column: Array
     t: float
     std: float
@@ -85,7 +88,7 @@ def _likeliest_steps(flight: Flight, response: str, size: float) -> list[_Sought
     """The likeliest step of the level and of the gain; empty where the recording is too short."""
     own = replace(flight, t=np.linspace(0.0, _UNITS, len(flight)), dt=_UNITS / (len(flight) - 1))
     made = []
-    for course in (np.full(len(flight), size), flight.simulated[response]):
+    for of, course in (("level", np.full(len(flight), size)), ("gain", flight.simulated[response])):
         search = ChangeSearch.of([own], [response], lambda f, x=course: x)  # type: ignore[misc]
         ((coarse, _),) = search.manoeuvres
         starts = coarse.starts(0.0)
@@ -96,7 +99,7 @@ def _likeliest_steps(flight: Flight, response: str, size: float) -> list[_Sought
         weight = scipy.special.softmax(coarse.gains(sizes**2 * norm[:, None]))
         unit, (change,) = flight.dt / own.dt, found
         std = max(unit * float(np.sqrt(weight @ (starts - change.start) ** 2)), flight.dt)
-        made.append(_SoughtStep(course * change.along(own), unit * change.start, std, len(starts)))
+        made.append(_SoughtStep(of, course * change.along(own), unit * change.start, std, len(starts)))
     return made
 
 
@@ -106,19 +109,20 @@ def find_step(rows: CausalRows, null: Null, i: int) -> tuple[float, Event]:
     The noise is found anew with it: one that was estimated without it takes a step for slow noise.
     """
     f = rows.flights[i]
-    logs, steps = [], []
+    logs, events = [], []
     for c in rows.responses:
         # Noise that is found anew may be a little more probable without any step.
         nothing = [np.zeros((len(g) - 2 * rows.edge, 1)) for g in rows.flights]
         anew = max(rows.remainder(null, c, nothing, _SIZES[:1]).log_bayes, 0.0)
         for one in _likeliest_steps(f, c, rows.size[c]):
-            columns = [
-                x if g is not f else rows.inside([one.column[:, None]])[0] for g, x in zip(rows.flights, nothing)
-            ]
-            logs.append(rows.remainder(null, c, columns, _SIZES).log_bayes - anew - np.log(one.times))
-            steps.append(one)
+            columns = list(nothing)
+            (columns[i],) = rows.inside([one.column[:, None]])
+            found = rows.remainder(null, c, columns, _SIZES)
+            logs.append(found.log_bayes - anew - np.log(one.times))
+            by = float(found.coefficients[0])
+            size = f"{100.0 * by:+.0f} %" if one.of == "gain" else f"{by * rows.size[c]:+.3g}"
+            change = f"the {one.of} of {c} by {size}"
+            events.append(Event(f.name, float(f.t[0]) + one.t, one.std, "step", change))
     if not logs:
         return 0.0, Event(f.name, float(f.t[0]), 0.0, "step")
-    best = steps[int(np.argmax(logs))]
-    log_bayes = float(scipy.special.logsumexp(logs) - np.log(len(logs)))
-    return log_bayes, Event(f.name, float(f.t[0]) + best.t, best.std, "step")
+    return float(scipy.special.logsumexp(logs) - np.log(len(logs))), events[int(np.argmax(logs))]

@@ -13,12 +13,12 @@ from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.plant import answers, find_plant
 from structsel.comparison.tolerances import Nuisance
 from structsel.diagnosis.change_times import find_event, find_step, gain_columns
+from structsel.diagnosis.event import Event
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, explained_by_form
 from structsel.diagnosis.isolated import IsolatedResidual, find_isolated
 from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted, find_predicted_in_plant
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.residuals import residuals, white_fraction
-from structsel.diagnosis.result import Event
 from structsel.diagnosis.unknown_function import (
     ATTITUDE,
     FORM,
@@ -144,9 +144,7 @@ class Detection:
         size = f"log Bayes factor {self.log_bayes:.0f}"
         if self.event:
             (one,) = self.event
-            return (
-                f"The differences change in '{one.recording}' at {one.t:.1f} +- {one.std:.1f} s ({one.shape}; {size})."
-            )
+            return f"The differences change in '{one.recording}' {one.says}; {size}."
         if self.gains and max(self.gains.values()) > max(self.remainder.values()):
             return f"The gain of {', '.join(self.axes)} changes between recordings or along them ({size})."
         return (

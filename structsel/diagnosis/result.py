@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from structsel.deprecation import renamed_attribute
+from structsel.diagnosis.event import Event
 from structsel.diagnosis.held_out_result import HeldOutSimulation
 from structsel.diagnosis.judging import ResponseFit
 from structsel.effects.base import ParameterEstimate
@@ -77,25 +78,6 @@ class Bars:
 
 
 @dataclass(frozen=True)
-class Event:
-    """A change at one moment of a recording.
-
-    Attributes
-    ----------
-    recording : str
-    t, std : float [s]
-        Time of the change, and its standard deviation.
-    shape : str
-        "step", "ramp" or "pulse".
-    """
-
-    recording: str
-    t: float
-    std: float
-    shape: str
-
-
-@dataclass(frozen=True)
 class EffectFinding:
     """One effect that the simulation lacks.
 
@@ -159,7 +141,7 @@ class EffectFinding:
         if self.intervals:
             where["intervals"] = {name: [list(s) for s in each] for name, each in self.intervals.items()}
         if self.events:
-            where["events"] = [asdict(e) for e in self.events]
+            where["events"] = [e.to_dict() for e in self.events]
         if self.region:
             where["region"] = {name: list(limits) for name, limits in self.region.items()}
         return {

@@ -190,7 +190,7 @@ def _values(parameters: Mapping[str, ParameterEstimate]) -> str:
 def _places(finding: EffectFinding, maximum: int) -> str:
     """Ranges of channels, times of events and intervals of time; the longest intervals if there are too many."""
     parts = [format_range(channel, limits) for channel, limits in finding.region.items()]
-    parts += [f"{one.recording} at {one.t:.1f} s ({one.shape})" for one in finding.events]
+    parts += [f"{one.recording} {one.says}" for one in finding.events]
     intervals = [(name, a, b) for name, each in finding.intervals.items() for a, b in each]
     longest = sorted(intervals, key=lambda s: s[1] - s[2])[:maximum]
     shown: dict[str, list[str]] = {}
