@@ -14,6 +14,7 @@ from structsel.diagnosis.detection import detect, simulated_at_readings
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.errors import DataError
 from structsel.recording import Recording
+from structsel.report import write_report
 
 THRUST = 20.0  # m/s^2 at full throttle
 RUNS, N, DT = 4, 1500, 0.02
@@ -63,7 +64,7 @@ def test_a_gain_that_falls_from_run_to_run_is_a_mismatch():
         ({"level": lambda k, t: np.where(t + 30.0 * k > 75.0, 1.5, 0.0)}, "the level of az by +1.5"),
     ],
 )
-def test_a_step_is_a_mismatch_at_its_time_with_its_size(make, change):
+def test_a_step_is_a_mismatch_at_its_time_with_its_size(make, change, tmp_path):
     found = diagnose(*multicopter(**make))
     (event,) = found.findings[0].events
     assert found.verdict == "mismatch"
@@ -71,6 +72,8 @@ def test_a_step_is_a_mismatch_at_its_time_with_its_size(make, change):
     assert abs(event.t - 15.0) < 3.0 * event.std + DT
     assert event.change[:24] == change[:24]
     assert f"run 2 {event.says}" in " ".join(str(found).split())
+    page = (write_report(found, tmp_path / "report.html")).read_text(encoding="utf-8")
+    assert "In all recorded conditions, all the time." not in page
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -102,7 +102,10 @@ def _finding(place: int, finding: EffectFinding) -> dict[str, Any]:
         "implausible": first.plausible,
         "check": first.check,
         "terms": ", ".join(first.terms),
-        "regions": [format_range(c, limits) for c, limits in finding.region.items()],
+        "regions": [
+            *(format_range(c, limits) for c, limits in finding.region.items()),
+            *(f"{one.recording} {one.says}" for one in finding.events),
+        ],
         "intervals": intervals,
         "estimates": Table((text_column("parameter"), Column("estimate")), tuple(values), "Values"),
         "effects": _possible_effects(finding),
