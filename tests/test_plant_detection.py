@@ -9,7 +9,7 @@ from structsel.comparison.causal_rows import CausalRows
 from structsel.comparison.preparing import prepare
 from structsel.comparison.tolerances import tolerances_of
 from structsel.diagnosis import diagnose
-from structsel.diagnosis.change_times import find_step, gain_columns
+from structsel.diagnosis.change_times import find_steps, gain_columns
 from structsel.diagnosis.detection import detect, simulated_at_readings
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.errors import DataError
@@ -144,7 +144,7 @@ def test_a_step_within_slow_noise_is_not_mistaken_for_it():
     # The noise is found anew with the step: without, a step is noise that lasts.
     flights = prepare(*multicopter(lightened), None).flights
     rows = CausalRows(flights, tolerances_of(flights), ["az"])
-    logs = [find_step(rows, rows.null(), i)[0] for i in range(RUNS)]
+    logs = [log_bayes for log_bayes, _ in find_steps(rows, rows.null())]
     assert np.argmax(logs) == 2
     assert logs[2] > 100.0
 

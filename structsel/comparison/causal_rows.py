@@ -85,14 +85,13 @@ class CausalRows:
         fraction = evaluated_at_readings(flights, self.responses)
         for i, f in enumerate(flights):
             own = [*_own(f), *_timing(f)]
-            inside = slice(self.edge, len(f) - self.edge)
             for c in self.responses:
                 shared = [k for k, n in enumerate(kept) if n.name in columns_of and c in columns_of[n.name][i]]
                 mine = [k for k, (_, x) in enumerate(own) if c in x]
                 columns = [averaged(f, c, kept[k].sd * columns_of[kept[k].name][i][c]) for k in shared]
                 columns += [own[k][0] * own[k][1][c] for k in mine]
                 X = np.column_stack(columns) if columns else np.zeros((len(f), 0))
-                self.X[c, i], self.y[c, i] = X[inside], referred(f, c, fraction)[inside]
+                self.X[c, i], self.y[c, i] = self.inside(X), self.inside(referred(f, c, fraction))
                 self.place[c, i] = np.array([*shared, *(q + k for k in mine)], dtype=np.intp)
             q += len(own)
         self.q = q
@@ -124,9 +123,9 @@ class CausalRows:
         covariance = scipy.linalg.cho_solve((lower, True), np.eye(self.q))
         return Null(log + sum(density.values()), filters, products, mean, covariance, A, b, power, density)
 
-    def inside(self, columns: Sequence[Array]) -> list[Array]:
-        """Samples of each flight's columns (n, k) that the rows have: without its ends."""
-        return [x[self.edge : len(x) - self.edge] for x in columns]
+    def inside(self, x: Array) -> Array:
+        """Samples of one flight's columns (n,) or (n, k) that the rows have: without its ends."""
+        return x[self.edge : len(x) - self.edge]
 
     def columns(self, response: str, more: Sequence[Array] | None = None) -> list[Array]:
         """Tolerances and biases of each flight, the difference, and further columns."""
@@ -220,7 +219,7 @@ class CausalRows:
         cross, z, own = np.zeros((count, self.q)), np.zeros(count), np.zeros((count, count))
         for i, (f, one) in enumerate(zip(self.flights, columns, strict=True)):
             for c in one.keys() & set(self.responses):
-                x = np.column_stack([averaged(f, c, column) for column in one[c].T])[self.edge : len(f) - self.edge]
+                x = self.inside(np.column_stack([averaged(f, c, column) for column in one[c].T]))
                 X, y, s = self._white(null, c, i, x)
                 cross[:, self.place[c, i]] += s.T @ X
                 z += s.T @ y

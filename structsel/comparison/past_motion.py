@@ -18,6 +18,7 @@ DELAY = 4
 """Samples by which columns of the motion are delayed: the differentiator of the rates uses three samples ahead."""
 TIMED = ("de", "da", "dr", "df", "throttle", "thrust")
 """Inputs that may have a time of their own in a flight."""
+PLANT_PAST = (0.002, 0.005, 0.01, 0.02, 0.05)  # of a recording, that a plant remembers
 _ASKED = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr")
 _INPUTS = frozenset((*TIMED, "gear"))
 
@@ -64,6 +65,7 @@ def referred(flight: Flight, response: str, fraction: float) -> Array:
 
 def delayed(x: Array, samples: int) -> Array:
     """Samples (n,) or (n, k) as they stood some samples ago; the first is held."""
+    samples = min(samples, len(x))
     return np.concatenate([np.repeat(x[:1], samples, axis=0), x[: len(x) - samples]]) if samples else x
 
 

@@ -38,7 +38,7 @@ def find_event(rows: CausalRows, null: Null, i: int) -> tuple[float, Event]:
         return 0.0, Event(f.name, float(f.t[0]), 0.0, _SHAPES[0])
     total = np.zeros(len(at))
     for c in rows.responses:
-        each = rows.single(null, c, {i: S[rows.edge : len(S) - rows.edge]}, _SIZES * rows.size[c])
+        each = rows.single(null, c, {i: rows.inside(S)}, _SIZES * rows.size[c])
         one = scipy.special.logsumexp(each, axis=1) - np.log(len(_SIZES))
         total += np.logaddexp(0.0, one) - np.log(2.0)
     best = shape[int(np.argmax(total))]
@@ -103,26 +103,29 @@ def _likeliest_steps(flight: Flight, response: str, size: float) -> list[_Sought
     return made
 
 
-def find_step(rows: CausalRows, null: Null, i: int) -> tuple[float, Event]:
-    """Log Bayes factor of a step of the level or of the gain in one recording of a plant, and the most probable one.
+def find_steps(rows: CausalRows, null: Null) -> list[tuple[float, Event]]:
+    """Log Bayes factor of a step of the level or of the gain in each recording of a plant, and the most probable one.
 
     The noise is found anew with it: one that was estimated without it takes a step for slow noise.
     """
-    f = rows.flights[i]
-    logs, events = [], []
-    for c in rows.responses:
-        # Noise that is found anew may be a little more probable without any step.
-        nothing = [np.zeros((len(g) - 2 * rows.edge, 1)) for g in rows.flights]
-        anew = max(rows.remainder(null, c, nothing, _SIZES[:1]).log_bayes, 0.0)
-        for one in _likeliest_steps(f, c, rows.size[c]):
-            columns = list(nothing)
-            (columns[i],) = rows.inside([one.column[:, None]])
-            found = rows.remainder(null, c, columns, _SIZES)
-            logs.append(found.log_bayes - anew - np.log(one.times))
-            by = float(found.coefficients[0])
-            size = f"{100.0 * by:+.0f} %" if one.of == "gain" else f"{by * rows.size[c]:+.3g}"
-            change = f"the {one.of} of {c} by {size}"
-            events.append(Event(f.name, float(f.t[0]) + one.t, one.std, "step", change))
-    if not logs:
-        return 0.0, Event(f.name, float(f.t[0]), 0.0, "step")
-    return float(scipy.special.logsumexp(logs) - np.log(len(logs))), events[int(np.argmax(logs))]
+    nothing = [np.zeros((len(f) - 2 * rows.edge, 1)) for f in rows.flights]
+    # Noise that is found anew may be a little more probable without any step.
+    anew = {c: max(rows.remainder(null, c, nothing, _SIZES[:1]).log_bayes, 0.0) for c in rows.responses}
+    made = []
+    for i, f in enumerate(rows.flights):
+        logs, events = [], []
+        for c in rows.responses:
+            for one in _likeliest_steps(f, c, rows.size[c]):
+                columns = list(nothing)
+                columns[i] = rows.inside(one.column[:, None])
+                found = rows.remainder(null, c, columns, _SIZES)
+                logs.append(found.log_bayes - anew[c] - np.log(one.times))
+                by = float(found.coefficients[0])
+                size = f"{100.0 * by:+.0f} %" if one.of == "gain" else f"{by * rows.size[c]:+.3g}"
+                events.append(Event(f.name, float(f.t[0]) + one.t, one.std, "step", f"the {one.of} of {c} by {size}"))
+        if logs:
+            log_bayes = float(scipy.special.logsumexp(logs) - np.log(len(logs)))
+            made.append((log_bayes, events[int(np.argmax(logs))]))
+        else:
+            made.append((0.0, Event(f.name, float(f.t[0]), 0.0, "step")))
+    return made

@@ -12,11 +12,11 @@ from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.plant import answers, find_plant
 from structsel.comparison.tolerances import Nuisance
-from structsel.diagnosis.change_times import find_event, find_step, gain_columns
+from structsel.diagnosis.change_times import find_event, find_steps, gain_columns
 from structsel.diagnosis.event import Event
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, explained_by_form
 from structsel.diagnosis.isolated import IsolatedResidual, find_isolated
-from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted, find_predicted_in_plant
+from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted, find_predicted_in_plant, most_probable
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.residuals import residuals, white_fraction
 from structsel.diagnosis.unknown_function import (
@@ -169,7 +169,7 @@ class Detection:
 def detect(
     flights: Sequence[Flight], problem: DiagnosisProblem, candidates: Sequence[CandidateEffect] = ()
 ) -> Detection | None:
-    """Evidence of any mismatch; None if the flights are not those of an aircraft with coefficients.
+    """Evidence of any mismatch; None where nothing can be asked.
 
     Parameters
     ----------
@@ -186,8 +186,8 @@ def detect(
     rows = CausalRows(flights, problem.nuisances)
     form = form_of(flights, rows.responses)
     null = rows.null()
-    inside = rows.inside(features(flights))
-    single = of_unit_size(rows.inside(features(flights, ATTITUDE)))
+    inside = [rows.inside(x) for x in features(flights)]
+    single = of_unit_size([rows.inside(x) for x in features(flights, ATTITUDE)])
     remainder = {c: unknown_function(rows, null, c, inside, single, form[c]) for c in rows.responses}
     events = [find_event(rows, null, i) for i in range(len(flights))]
     white = white_fraction(problem) or 0.0
@@ -216,11 +216,14 @@ def _detect_in_plant(
     rows = CausalRows(flights, problem.nuisances, responses)
     form = form_of(flights, responses)
     null = rows.null()
-    inside = rows.inside(plant_features(flights, responses))
+    inside = [rows.inside(x) for x in plant_features(flights, responses)]
     single = of_unit_size(inside)
     remainder = {c: unknown_function(rows, null, c, inside, single, form[c]) for c in responses}
-    gains = {c: log_bayes_beyond_form(rows, null, c, rows.inside(gain_columns(flights, c)), FORM) for c in responses}
-    events = [find_step(rows, null, i) for i in range(len(flights))]
+    gains = {
+        c: log_bayes_beyond_form(rows, null, c, [rows.inside(x) for x in gain_columns(flights, c)], FORM)
+        for c in responses
+    }
+    events = find_steps(rows, null)
     causes = exceeded(rows.tolerances, null.mean, null.covariance, form=explained_by_form(problem, rows.size, form))
     predicted = find_predicted_in_plant(rows, null, candidates, form)
     return Detection(_best_of_each(causes), remainder, events, _deviations(rows, null), None, predicted, gains)
@@ -230,13 +233,13 @@ def _detect_level(
     flights: Sequence[Flight], problem: DiagnosisProblem, candidates: Sequence[CandidateEffect]
 ) -> Detection | None:
     """Evidence of the most probable effect if it explains the level, of which the noise of the motion says nothing."""
-    first = max(candidates, key=lambda one: one.log_odds, default=None)
+    first = most_probable(candidates)
     if first is None or not first.constant:
         return None
     rows = CausalRows(flights, problem.nuisances, sorted(flights[0].simulated))
     null = rows.null()
     nothing = dict.fromkeys(rows.responses, -np.inf)
-    return Detection((), nothing, [], _deviations(rows, null), None, find_predicted(rows, null, [first], 1.0))
+    return Detection((), nothing, [], _deviations(rows, null), None, find_predicted(rows, null, candidates, 1.0))
 
 
 def _best_of_each(causes: Sequence[ExceededTolerance]) -> tuple[ExceededTolerance, ...]:

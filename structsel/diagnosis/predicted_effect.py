@@ -96,13 +96,18 @@ def find_predicted_in_plant(
         if any(c in one for one in columns):
             count = next(one[c].shape[1] for one in columns if c in one)
             each = [one.get(c, np.zeros((len(f), count))) for one, f in zip(columns, rows.flights)]
-            F = [x * rows.size[c] / np.sqrt(count) for x in of_unit_size(rows.inside(each))]
+            F = [x * rows.size[c] / np.sqrt(count) for x in of_unit_size([rows.inside(x) for x in each])]
             logs.append(log_bayes_beyond_form(rows, null, c, F, form[c]))
     return PredictedEffect(first.effect, max(logs), 1.0, first.of_form) if logs else None
 
 
+def most_probable(candidates: Sequence[CandidateEffect]) -> CandidateEffect | None:
+    """The candidate with the largest log odds; None where there is none."""
+    return max(candidates, key=lambda one: one.log_odds, default=None)
+
+
 def _first_candidate(candidates: Sequence[CandidateEffect]) -> CandidateEffect | None:
-    first = max(candidates, key=lambda one: one.log_odds, default=None)
+    first = most_probable(candidates)
     return None if first is None or first.score.event or first.score.hypothesis.kind == "sensor" else first
 
 

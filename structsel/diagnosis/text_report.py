@@ -187,10 +187,15 @@ def _values(parameters: Mapping[str, ParameterEstimate]) -> str:
     return ", ".join(f"{name} {format_estimate(e.value, e.std, e.unit)}" for name, e in parameters.items())
 
 
+def ranges_and_events(finding: EffectFinding) -> list[str]:
+    """Ranges of channels in which a finding acts, and its events, in words."""
+    ranges = [format_range(channel, limits) for channel, limits in finding.region.items()]
+    return [*ranges, *(f"{one.recording} {one.says}" for one in finding.events)]
+
+
 def _places(finding: EffectFinding, maximum: int) -> str:
     """Ranges of channels, times of events and intervals of time; the longest intervals if there are too many."""
-    parts = [format_range(channel, limits) for channel, limits in finding.region.items()]
-    parts += [f"{one.recording} {one.says}" for one in finding.events]
+    parts = ranges_and_events(finding)
     intervals = [(name, a, b) for name, each in finding.intervals.items() for a, b in each]
     longest = sorted(intervals, key=lambda s: s[1] - s[2])[:maximum]
     shown: dict[str, list[str]] = {}

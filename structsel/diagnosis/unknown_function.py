@@ -10,7 +10,7 @@ import scipy
 
 from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.flight import Flight
-from structsel.comparison.past_motion import DELAY, delayed
+from structsel.comparison.past_motion import DELAY, PLANT_PAST, delayed
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
@@ -26,7 +26,6 @@ _PRODUCTS = (
 )  # fmt: skip
 _PAST = ("alpha", "beta", "de", "da", "dr", "q_hat", "p_hat", "r_hat", "CT")
 _DELAYS = (0.15, 0.4, 1.0)  # s
-PLANT_PAST = (0.002, 0.005, 0.01, 0.02, 0.05)  # of a recording, that a plant remembers
 _ORDERS = 4  # cosines over the range of a channel
 _SECOND = 0.7  # weight of products and of changes since before, relative to channels themselves
 _CHANGES = 0.3  # rms change of a channel since before, relative to its own, below which it has little memory
@@ -34,8 +33,8 @@ _CHANGES = 0.3  # rms change of a channel since before, relative to its own, bel
 _SIZES = np.array([0.003, 0.006, 0.012, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0])
 """Sizes of an unknown function of the channels, relative to the rms variation of the simulated response."""
 FORM, _FORM_IDENTIFIED = 0.015, 0.05
-"""Sizes within the tolerance `form`: for a simulation that states coefficients, and for one whose coefficients were
-identified from its own flights."""
+"""Sizes within the tolerance `form`: for a simulation that states coefficients, and for one that was identified: its
+coefficients from its own flights, or that of a plant."""
 Signals = Sequence[Array]
 """One signal (n,) per flight."""
 

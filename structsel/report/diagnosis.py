@@ -16,6 +16,7 @@ from structsel.diagnosis.text_report import (
     headline,
     is_shown,
     no_model,
+    ranges_and_events,
     shown_findings,
     stages_of,
     tied,
@@ -30,7 +31,6 @@ from structsel.formatting import (
     format_percent,
     format_probabilities,
     format_probability,
-    format_range,
 )
 from structsel.report.diagnosis_charts import STAGE_NAMES, figures_of
 from structsel.report.page_model import Section, place_sections
@@ -102,10 +102,7 @@ def _finding(place: int, finding: EffectFinding) -> dict[str, Any]:
         "implausible": first.plausible,
         "check": first.check,
         "terms": ", ".join(first.terms),
-        "regions": [
-            *(format_range(c, limits) for c, limits in finding.region.items()),
-            *(f"{one.recording} {one.says}" for one in finding.events),
-        ],
+        "regions": ranges_and_events(finding),
         "intervals": intervals,
         "estimates": Table((text_column("parameter"), Column("estimate")), tuple(values), "Values"),
         "effects": _possible_effects(finding),

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.windows import Flags
 from structsel.comparison.noise import HIGHEST, bins_of, edge_of
+from structsel.comparison.past_motion import PLANT_PAST, delayed
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import fast_length, spectrum
@@ -27,7 +28,6 @@ _CHANNELS = (
 _SQUARED = ("alpha", "beta", "q_hat", "p_hat", "r_hat", "de", "da", "dr", "V", "CT")
 _PAST = (0.15, 0.4, 1.0)  # s
 _REMEMBERED = ("alpha", "beta", "de", "da", "dr", "CT", "throttle")  # past rates of turn hold the moments' own noise
-_PLANT_PAST = (0.002, 0.005, 0.01, 0.02, 0.05)  # of a recording, that a plant remembers
 _HELD_TO = (1.0, 30.0, 1000.0)
 _PER_HERTZ = 2.2  # samples kept per hertz of the band
 _FOLDS = 4
@@ -111,24 +111,20 @@ def _in_band(x: Array, f: Flight) -> Array:
     return made
 
 
-def _delayed(x: Array, k: int) -> Array:
-    return np.concatenate([np.full(min(k, len(x)), x[0]), x[: max(len(x) - k, 0)]])
-
-
 def _plant_lags(flights: Sequence[Flight], channels: Sequence[str]) -> list[int]:
     """Samples of its past that a plant may remember, in its own time; none of an aircraft."""
     if set(flights[0].simulated) & set(COEFFICIENTS) or not set(channels).isdisjoint(_CHANNELS):
         return []
     shortest = min(map(len, flights))
-    return [0, *sorted({max(1, round(part * shortest)) for part in _PLANT_PAST})]
+    return [0, *sorted({max(1, round(part * shortest)) for part in PLANT_PAST})]
 
 
 def _past(f: Flight, channels: Sequence[str], lags: Sequence[int]) -> Array:
     """Past values of channels that are remembered; of a plant, of all that move it and of its simulated responses."""
     if lags:
-        made = [_delayed(x, lag) for x in (*(f[c] for c in channels), *f.simulated.values()) for lag in lags]
+        made = [delayed(x, lag) for x in (*(f[c] for c in channels), *f.simulated.values()) for lag in lags]
     else:
-        made = [_delayed(f[c], round(lag / f.dt)) for c in channels if c in _REMEMBERED for lag in _PAST]
+        made = [delayed(f[c], round(lag / f.dt)) for c in channels if c in _REMEMBERED for lag in _PAST]
     return np.column_stack(made) if made else np.zeros((len(f), 0))
 
 
