@@ -24,6 +24,7 @@ from scipy.signal import lfilter
 
 import structsel as ss
 from structsel.coefficients import compute_all
+from structsel.numerics.air_data import body_to_earth, body_velocity
 from structsel.numerics.arrays import Array
 from structsel.numerics.output_error import fit_output_error
 from structsel.numerics.output_error_problem import OutputErrorProblem
@@ -479,6 +480,58 @@ def uav_wind() -> Case:
     return Case("wind", uav_model(), records, uav_aircraft(), frozenset(["steady-wind"]))
 
 
+def uav_still_air(manoeuvres: Sequence[str], over_ground: bool, airspeed: bool = False) -> Case:
+    """Velocity over the ground from air data and attitude, or airspeed from that velocity, as if no wind blew.
+
+    Or with the mean wind of the day added, which leaves a correct simulation.
+    """
+    records = without([uav_record(m) for m in manoeuvres], "thrust")  # computed from the airspeed
+    if airspeed:
+        said = {r.name: {"V": np.sqrt(r["vn"] ** 2 + r["ve"] ** 2 + r["vd"] ** 2)} for r in records}
+    else:
+        said = {}
+        for r in records:
+            body = np.column_stack(body_velocity(r["V"], r["alpha"], r["beta"]))
+            earth = np.einsum("nij,nj->in", body_to_earth(r["phi"], r["theta"], r["psi"]), body)
+            said[r.name] = dict(zip(("vn", "ve", "vd"), earth))
+        if over_ground:
+            wind = {c: np.concatenate([r[c] - said[r.name][c] for r in records]).mean() for c in ("vn", "ve", "vd")}
+            said = {name: {c: x + wind[c] for c, x in one.items()} for name, one in said.items()}
+    simulated = {r.name: Recording(r.name, r.t, said[r.name], dict.fromkeys(said[r.name], "m/s")) for r in records}
+    accept = frozenset() if over_ground else frozenset(["steady-wind"])
+    return Case("nothing" if over_ground else "wind", simulated, records, uav_aircraft(), accept)
+
+
+def uav_ground() -> Case:
+    """The velocity over the ground of the first manoeuvres of each kind, by a simulation in still air."""
+    return uav_still_air(UAV_FIRST, over_ground=False)
+
+
+def uav_ground_second() -> Case:
+    """The same of the others."""
+    return uav_still_air(UAV_SECOND, over_ground=False)
+
+
+def uav_ground_correct() -> Case:
+    """With the mean wind in the simulation."""
+    return uav_still_air(UAV_FIRST, over_ground=True)
+
+
+def uav_ground_second_correct() -> Case:
+    """The same of the others."""
+    return uav_still_air(UAV_SECOND, over_ground=True)
+
+
+def uav_airspeed() -> Case:
+    """The airspeed, by a simulation in still air."""
+    return uav_still_air(UAV_FIRST, over_ground=False, airspeed=True)
+
+
+def uav_airspeed_second() -> Case:
+    """The same of the others."""
+    return uav_still_air(UAV_SECOND, over_ground=False, airspeed=True)
+
+
 def uav_correct() -> Case:
     """Terms chosen on half of the manoeuvres, on the others; commands, not deflections, are recorded."""
     records = without([uav_record(m) for m in UAV_SECOND], "vn", "ve", "vd")
@@ -575,6 +628,7 @@ CASES: dict[str, Callable[[], Case]] = {
     for f in (
         crazyflie, crazyflie_correct, silverbox, silverbox_correct, boucwen, boucwen_correct,
         hfb320_speed, hfb320_drag, hfb320_correct, attas_vane, attas_correct, uav_velocity, uav_wind, uav_correct,
+        uav_ground, uav_ground_second, uav_ground_correct, uav_ground_second_correct, uav_airspeed, uav_airspeed_second,
         gtm_stall, gtm_correct,
     )
 }  # fmt: skip

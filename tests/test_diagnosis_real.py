@@ -48,6 +48,21 @@ def test_what_has_its_own_model_is_within_tolerances(name):
     assert not found.findings
 
 
+@pytest.mark.parametrize("name", ["uav_ground", "uav_ground_second", "uav_airspeed", "uav_airspeed_second"])
+def test_the_wind_of_a_windy_day_is_found_in_what_a_simulation_in_still_air_states(name):
+    _, found = real.run(name)
+    first = found.findings[0]
+    assert first.effect == "steady-wind"
+    north = first.physics[0].parameters["north"]
+    assert abs(north.value + 1.8) < 3.0 * north.std  # the mean of what remains over the ground
+
+
+@pytest.mark.parametrize("name", ["uav_ground_correct", "uav_ground_second_correct"])
+def test_with_the_wind_of_the_day_the_simulation_is_correct(name):
+    _, found = real.run(name)
+    assert found.verdict == "consistent"
+
+
 @pytest.fixture(scope="module")
 def citation(tmp_path_factory):
     """Cases cut from one flight, each in two ways."""

@@ -158,3 +158,42 @@ def test_only_coefficients_need_the_file_of_an_aircraft():
     complete = [Recording(r.name, r.t, dict(r.channels) | {"alpha": 0.0 * r.t, "ax": 0.0 * r.t}) for r in log]
     with pytest.raises(DataError, match="it is of an aircraft"):
         prepare(simulated, complete, None)
+
+
+def over_ground(wind, seed=0, runs=4, n=400, dt=0.02):
+    """Velocity over the ground in turns; stated in still air from an airspeed that is filtered, held and noisy."""
+    rng = np.random.default_rng(seed)
+    recordings, simulated = [], {}
+    t = dt * np.arange(n)
+    for k in range(runs):
+        heading = 1.5 * k + np.cumsum(gaussian_filter1d(rng.standard_normal(n), 40.0))
+        speed = 15.0 + gaussian_filter1d(rng.standard_normal(n), 60.0) * 8.0
+        along = np.array([np.cos(heading), np.sin(heading)])
+        noise = lfilter([0.3], [1.0, -0.9], rng.standard_normal(n))
+        read = np.repeat((speed + noise)[::5], 5)[:n] + 0.02 * rng.standard_normal(n)
+        vn, ve = speed * along + np.array(wind)[:, None] + 0.05 * rng.standard_normal((2, n))
+        recordings.append(Recording(f"run {k}", t, {"V": read, "psi": heading, "vn": vn, "ve": ve}))
+        simulated[f"run {k}"] = Recording(f"run {k}", t, {"vn": read * along[0], "ve": read * along[1]})
+    return simulated, recordings
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_steady_wind_is_found_beside_an_airspeed_with_coloured_noise(seed):
+    found = diagnose(*over_ground((2.0, -1.0), seed))
+    first = found.findings[0]
+    assert first.effect == "steady-wind"
+    for axis, truth in (("north", 2.0), ("east", -1.0)):
+        estimate = first.physics[0].parameters[axis]
+        assert abs(estimate.value - truth) < 3.0 * estimate.std
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_coloured_noise_of_an_airspeed_is_no_mismatch(seed):
+    assert diagnose(*over_ground((0.0, 0.0), seed)).verdict == "consistent"
+
+
+def test_a_simulation_of_air_data_without_accelerations_states_channels():
+    simulated, recordings = over_ground((0.0, 0.0))
+    ones = {r.name: Recording(r.name, r.t, {"V": r["V"] + 0.1, "alpha": 0.05 + 0.0 * r.t}) for r in recordings}
+    with_vane = [r.with_channels(alpha=0.05 + 0.001 * np.sin(r.t)) for r in recordings]
+    assert {c for f in prepare(ones, with_vane, None).flights for c in f.simulated} == {"V", "alpha"}

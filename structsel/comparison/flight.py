@@ -268,7 +268,8 @@ def prepare_flight(recording: Recording, aircraft: Aircraft, simulated: Mapping[
     measured: dict[str, Array] = {}
     wanted = tuple(aerodynamic)
     if set(AIRFRAME) <= set(smooth):
-        wanted += tuple(name for name, needs in KINEMATIC.items() if set(needs) <= set(raw))
+        if aerodynamic:  # kinematics of a channel that is simulated would count it twice
+            wanted += tuple(name for name, needs in KINEMATIC.items() if set(needs) <= set(raw))
         # A smoother would take more from some channels than from others. The responses are computed from the
         # readings, and compared in a band; only factors (dynamic pressure) are smooth.
         plain = {**smooth, **raw}

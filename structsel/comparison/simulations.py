@@ -14,6 +14,7 @@ import numpy as np
 
 from structsel.aircraft import Aircraft
 from structsel.coefficients import compute_coefficients
+from structsel.comparison.flight import OF_COEFFICIENTS
 from structsel.errors import ArgumentError, DataError, ModelError
 from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS
@@ -22,7 +23,6 @@ from structsel.numerics.arrays import Array
 from structsel.recording import Recording
 from structsel.recording.reading import load_recordings
 
-_STATES = ("V", "alpha")
 _CLOCK_TOLERANCE = 0.1  # of a sample, by which clocks may differ and still be one
 
 _NO_SIMULATION = {
@@ -178,13 +178,13 @@ def _of_files(found: dict[str, Recording], recordings: Sequence[Recording], wher
         return OpenedSimulation(
             "forced", where, along={r.name: _aligned(mine[r.name], r, COEFFICIENTS) for r in recordings}
         )
-    if set(_STATES) <= set(first.names):
+    if set(OF_COEFFICIENTS) <= set(first.names):
         return OpenedSimulation("free", where, flights=mine)
     shared = [c for c in first.names if all(c in r for r in recordings)]
     if not shared:
         raise DataError(
-            f"the simulation in '{where}' gives {', '.join(first.names)}: no coefficients, no flight (V, alpha, ...), "
-            "and no channel that the recordings have.\nIt must give one of these."
+            f"the simulation in '{where}' gives {', '.join(first.names)}: no coefficients, no flight "
+            f"({', '.join(OF_COEFFICIENTS)}), and no channel that the recordings have.\nIt must give one of these."
         )
     along = {r.name: _aligned(mine[r.name], r, shared) for r in recordings}
     # A channel copied from the recording is an input, not an answer.

@@ -28,7 +28,7 @@ from structsel.nomenclature import (
     MOMENT_COEFFICIENTS,
 )
 from structsel.numerics.arrays import Array
-from structsel.numerics.signal_quality import estimate_white_noise
+from structsel.numerics.signal_quality import estimate_white_noise, smoothed
 
 MAIN = {
     ("CX", "alpha"), ("CZ", "alpha"), ("CY", "beta"), ("Cl", "beta"), ("Cl", "p_hat"), ("Cl", "da"), ("Cm", "alpha"),
@@ -56,6 +56,7 @@ _JUMP, _ABOVE = 0.08, 3.0  # of a channel's span, and of the changes about it, a
 _MAX_JUMPS = 12
 _SCALED = {"alpha": 1.0, "beta": 1.0, "V": 0.5, "phi": 0.5, "theta": 0.5, "psi": 0.5}
 """Of the stated tolerance: less for an airspeed system and a gyro that holds attitude than for a vane in its upwash."""
+_SLOWEST = 1.0 / 16.0  # of the shortest recording: width of the smoother beyond which a signal is no noise of readings
 _CHANGED = 0.1  # of a constant error, by which it changes between recordings of one flight
 _SURFACES = ("de", "da", "dr")
 _SEPARATE_CLOCKS = (
@@ -202,6 +203,11 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
     return made + _shared_errors(flights)
 
 
+def noisy_responses(nuisances: Sequence[Nuisance]) -> set[str]:
+    """Responses of a plant that are simulated from its recorded motion, with its noise."""
+    return {c for n in nuisances if n.ahead for one in n.columns for c in one if c not in COEFFICIENTS}
+
+
 def couples(response: str, term: Sequence[str]) -> bool:
     """Whether a term is of the other family: longitudinal and lateral motion are then not apart."""
     return not _OTHERS[response].isdisjoint(term)
@@ -246,14 +252,31 @@ def _of_readings(flights: Sequence[Flight], response: str) -> list[Nuisance]:
     product = sum(float(x @ estimate_white_noise(f.difference[response])) for f, x in zip(flights, noise))
     successive = sum(float(x[1:] @ x[:-1]) for x in noise)
     # Nearer to none of it than to all; or nearer to a quick signal, whose samples are alike, than to noise.
-    if not power or abs(product / power + 1.0) > 0.5 or successive > 0.5 * power:
+    if not power or product > -0.5 * power or successive > 0.5 * power:
         return []
-    late = [{response: -f.rate(f.simulated[response] - x)} for f, x in zip(flights, noise)]
+    quiet = [f.simulated[response] - x for f, x in zip(flights, noise)]
+    late = [{response: -f.rate(x)} for f, x in zip(flights, quiet)]
     sd = WITHIN_SAMPLE * float(np.median([f.dt for f in flights]))
     return [
         Nuisance(f"{response}: noise", 1.0, "relative", [{response: x} for x in noise], 1.0, True, ahead=True),
         Nuisance(f"{response}: late", sd, "s", late, sd, True, ahead=True),
+        *_coloured_noise(response, quiet),
     ]
+
+
+def _coloured_noise(response: str, signals: Sequence[Array]) -> list[Nuisance]:
+    """Any part of a signal in bands of an octave: noise of readings is coloured where they are filtered or held.
+
+    Each band may be less in what was measured, but not later: a lag remains one.
+    """
+    shortest = min(map(len, signals))
+    made, width = [], 1.0
+    while width < _SLOWEST * shortest:
+        smooth = [smoothed(x, width) for x in signals]
+        band = [{response: x - y} for x, y in zip(signals, smooth)]
+        made.append(Nuisance(f"{response}: noise of {width:g} samples", 1.0, "relative", band, 1.0, True, ahead=True))
+        signals, width = smooth, 2.0 * width
+    return made
 
 
 def biases_of(flight: Flight) -> list[tuple[str, float, Mapping[str, Array]]]:

@@ -11,12 +11,12 @@ import scipy
 from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.plant import answers, find_plant
-from structsel.comparison.tolerances import Nuisance
+from structsel.comparison.tolerances import Nuisance, noisy_responses
 from structsel.diagnosis.change_times import find_event, find_steps, gain_columns
 from structsel.diagnosis.event import Event
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, explained_by_form
 from structsel.diagnosis.isolated import IsolatedResidual, find_isolated
-from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted, find_predicted_in_plant, most_probable
+from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted, find_predicted_in_plant
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.residuals import residuals, white_fraction
 from structsel.diagnosis.unknown_function import (
@@ -204,7 +204,7 @@ def detect(
 def _detect_in_plant(
     flights: Sequence[Flight], problem: DiagnosisProblem, candidates: Sequence[CandidateEffect]
 ) -> Detection | None:
-    """Evidence of any mismatch of a plant; where all is simulated from its recorded motion, of an effect on its level.
+    """Evidence of any mismatch of a plant, in what is not simulated from its recorded motion.
 
     A simulation at recorded motion contains its noise, which the differences then have with the opposite sign. Every
     function of that motion would explain them, and the past of what was measured may predict it better than the
@@ -212,7 +212,7 @@ def _detect_in_plant(
     """
     responses = sorted(set(flights[0].simulated) - simulated_at_readings(flights, problem.nuisances))
     if not responses:
-        return _detect_level(flights, problem, candidates)
+        return None
     rows = CausalRows(flights, problem.nuisances, responses)
     form = form_of(flights, responses)
     null = rows.null()
@@ -227,19 +227,6 @@ def _detect_in_plant(
     causes = exceeded(rows.tolerances, null.mean, null.covariance, form=explained_by_form(problem, rows.size, form))
     predicted = find_predicted_in_plant(rows, null, candidates, form)
     return Detection(_best_of_each(causes), remainder, events, _deviations(rows, null), None, predicted, gains)
-
-
-def _detect_level(
-    flights: Sequence[Flight], problem: DiagnosisProblem, candidates: Sequence[CandidateEffect]
-) -> Detection | None:
-    """Evidence of the most probable effect if it explains the level, of which the noise of the motion says nothing."""
-    first = most_probable(candidates)
-    if first is None or not first.constant:
-        return None
-    rows = CausalRows(flights, problem.nuisances, sorted(flights[0].simulated))
-    null = rows.null()
-    nothing = dict.fromkeys(rows.responses, -np.inf)
-    return Detection((), nothing, [], _deviations(rows, null), None, find_predicted(rows, null, candidates, 1.0))
 
 
 def _best_of_each(causes: Sequence[ExceededTolerance]) -> tuple[ExceededTolerance, ...]:
@@ -270,5 +257,4 @@ def _any_of(logs: Sequence[float]) -> float:
 
 def simulated_at_readings(flights: Sequence[Flight], nuisances: Sequence[Nuisance]) -> set[str]:
     """Responses of a plant that are simulated from its recorded motion, with its noise, not from inputs alone."""
-    noisy = {c for n in nuisances if n.ahead for one in n.columns for c in one}
-    return noisy | {c for c in answers(flights) if find_plant(flights, c).along is not None}
+    return noisy_responses(nuisances) | {c for c in answers(flights) if find_plant(flights, c).along is not None}

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from structsel.diagnosis import judging
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.residuals import contributions
+from structsel.diagnosis.unknown_function import form_of
 from structsel.numerics.arrays import Array
 
 
@@ -36,6 +38,16 @@ def beyond_form(without: DiagnosisProblem, extended: DiagnosisProblem) -> float:
         own = sum(float(np.var(f.simulated[c])) for f in flights)
         size = sum(float(np.var(a[c])) for a in added if c in a)
         logs.append(0.5 * size / max(errors[c] ** 2 * own, 1e-300))
+    return max(logs)
+
+
+def beyond_plant_form(problem: DiagnosisProblem, before: judging.Residuals, after: judging.Residuals) -> float:
+    """Log Bayes factor of what an effect removes from a plant's held-out residual, with its form as the error."""
+    got = judging.measured(problem)
+    logs = [0.0]
+    for c, form in form_of(problem.flights, problem.judged_responses).items():
+        removed = judging.rms(before, c) ** 2 - judging.rms(after, c) ** 2
+        logs.append(0.5 * removed / (form * judging.rms(got, c)) ** 2)
     return max(logs)
 
 

@@ -12,7 +12,8 @@ from structsel.diagnosis import judging
 from structsel.diagnosis.explained import SLIGHT, Taken, explained_fraction, fractions_there, largest
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.scoring import EffectScore
-from structsel.diagnosis.size_evidence import agreed, beyond_form
+from structsel.diagnosis.size_evidence import agreed, beyond_form, beyond_plant_form
+from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _CONFIRMED = 1.5  # log Bayes factor that counts at most, over that on the response to the inputs
@@ -64,6 +65,9 @@ _EVEN, _SCALE = 32.0, 3.0
 """Log Bayes factor times the fraction of white noise in the residual forces, at which an effect has probability one
 half however little it explains; and its scale. Correct simulations in calm air have at most 26
 (34 of the proof's generators, development seeds from 71000)."""
+_EVEN_LEVEL, _SCALE_LEVEL = 12.0, 1.5
+"""Log Bayes factor of moving air that explains the level of a plant's velocities, at which it has probability one half,
+and its scale. Simulations in still air have 11 at most (eight generated, two of a real UAV with its wind taken out)."""
 _COLOURED, _DECAY, _SURE = 3.0, 8, 400.0
 """Log odds that a mismatch loses where the residual forces contain no white noise and the effect decreases the error of
 no response on other flights; times the fraction of coloured noise to this power. Half of it where the flights agree on
@@ -95,7 +99,9 @@ class CandidateEffect:
     identified : bool
         Whether the simulation was identified from its own flights.
     of_form : float
-        Log Bayes factor of its size, with the form of an identified simulation as its error.
+        Log Bayes factor of its size, with the form of a plant or of an identified simulation as its error.
+    is_plant : bool
+        Whether no coefficient is simulated.
     """
 
     score: EffectScore
@@ -105,11 +111,24 @@ class CandidateEffect:
     gain: float = 1.0
     identified: bool = False
     of_form: float = np.inf
+    is_plant: bool = False
 
     @property
     def log_odds(self) -> float:
         """Log odds against no effect, with its alternatives."""
-        return min(self.max_log_odds, self._of(self.features))
+        by_level = (log_bayes(self.score) - _EVEN_LEVEL) / _SCALE_LEVEL if self.is_level else -np.inf
+        return min(self.max_log_odds, max(by_level, self._of(self.features)))
+
+    @property
+    def is_level(self) -> bool:
+        """Whether it is steadily moving air that explains the level of a plant's velocities on other flights."""
+        return (
+            self.is_plant
+            and self.score.hypothesis.kind == "atmospheric"
+            and not self.score.event
+            and self.constant
+            and self.lowers
+        )
 
     @property
     def log_odds_alone(self) -> float:
@@ -246,7 +265,7 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
     """
     kept, alternatives = _admissible(problem, scores)
     made = []
-    for one, taken, gain in kept:
+    for one, taken, gain, of_plant in kept:
         as_given = max(0.0, ahead_of(one, alternatives, log_bayes_as_given)) * np.log1p(
             max(0.0, log_bayes_as_given(one)) / _CLEAR
         )
@@ -267,23 +286,26 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
         )
         of_form = beyond_form(problem, extended)
         max_log_odds = min(np.inf if one.event else agreed(extended), of_form) - AGREED
+        is_plant = not set(problem.judged_responses) & set(COEFFICIENTS)
+        if is_plant:
+            of_form = of_plant
         identified = problem.flights[0].is_identified
         lowers = gain >= _LOWERS or taken.judged_there >= _THERE
         x = np.array(values, dtype=float)
-        made.append(CandidateEffect(one, x, max_log_odds, lowers, gain, identified, of_form))
+        made.append(CandidateEffect(one, x, max_log_odds, lowers, gain, identified, of_form, is_plant))
     return made
 
 
 def _admissible(
     problem: DiagnosisProblem, scores: Sequence[EffectScore]
-) -> tuple[list[tuple[EffectScore, Taken, float]], list[EffectScore]]:
+) -> tuple[list[tuple[EffectScore, Taken, float, float]], list[EffectScore]]:
     """Candidate effects, with what each explains and how far it decreases the error; and all alternatives.
 
     An effect that degrades held-out flights is neither.
     """
     plain = problem.as_given
     before = judging.held_out(plain, True)
-    kept: list[tuple[EffectScore, Taken, float]] = []
+    kept: list[tuple[EffectScore, Taken, float, float]] = []
     alternatives, judged = list(scores), set()
     # The next effect takes the place of one that degrades held-out flights.
     while asked := [s for s in leading_effects(alternatives) if evident(problem, s) and s.effect not in judged]:
@@ -291,7 +313,8 @@ def _admissible(
             judged.add(one.effect)
             extended = plain.with_effect(one.signature)
             taken = Taken.by(one, plain, extended)
-            gained = judging.gains(before, judging.held_out(extended, True), extended.judged_responses)
+            after = judging.held_out(extended, True)
+            gained = judging.gains(before, after, extended.judged_responses)
             gain, degrades = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
             if one.alone:  # other flights cannot predict the one on which it acts
                 without, with_it = (judging.held_out(b, True, one.signature.flights) for b in (plain, extended))
@@ -299,7 +322,7 @@ def _admissible(
             if degrades > _DEGRADES:
                 alternatives.remove(one)
             else:
-                kept.append((one, taken, max(gain, 0.0)))
+                kept.append((one, taken, max(gain, 0.0), beyond_plant_form(plain, before, after)))
     return kept, alternatives
 
 
@@ -314,7 +337,7 @@ def first_probabilities(candidates: Sequence[CandidateEffect], white: float | No
     The probability of a mismatch is computed from each effect as if it had no alternatives, and then distributed. With
     thousands of samples the evidence is always large. An effect that does not decrease the error visibly therefore
     counts in proportion to the white noise: a coloured residual may have caused the motion. One that does counts less
-    where little is white.
+    where little is white. In a plant it counts in proportion to the decrease of the error on other flights.
 
     Parameters
     ----------
@@ -326,9 +349,13 @@ def first_probabilities(candidates: Sequence[CandidateEffect], white: float | No
         return np.ones(1)
     coloured = 0.0 if white is None else (1.0 - white) ** _DECAY
     counts = 0.0 if white is None else white * (1.0 - coloured**2)
-    evidence = [min((counts * log_bayes(c.score) - _EVEN) / _SCALE, c.of_form - AGREED) for c in candidates]
+    evidence = [
+        min(((c.gain if c.is_plant else counts) * log_bayes(c.score) - _EVEN) / _SCALE, c.of_form - AGREED)
+        for c in candidates
+    ]
     as_given = [one.log_odds_alone - coloured * one.loss for one in candidates if one.lowers]
-    some = float(scipy.special.expit(max([*evidence, *as_given])))
+    by_level = [one.log_odds for one in candidates if one.is_level]
+    some = float(scipy.special.expit(max([*evidence, *as_given, *by_level])))
     return np.array([1.0 - some, *(some * scipy.special.softmax([one.log_odds for one in candidates]))])
 
 

@@ -85,13 +85,23 @@ def _one(response: str, column: Column, parameter: EffectParameter, about: str, 
 
 def _term(flights: Flights, response: str, channels: Sequence[str], fraction: float = 0.3) -> Variant:
     text, column = term_text(channels), product(channels)
+    if response not in COEFFICIENTS:
+        column = _about_its_mean(flights, column)
     parameter = EffectParameter(f"{response}: {text}", per_unit(channels), term_sd(flights, response, column, fraction))
     return _one(response, column, parameter, f"{text} in {response}", (text,))
+
+
+def _about_its_mean(flights: Flights, column: Column) -> Column:
+    """The column less its mean over all flights: a channel that hardly moves is no level of the response."""
+    mean = float(np.concatenate([column(f) for f in flights]).mean())
+    return lambda flight: column(flight) - mean
 
 
 def _refitted(flights: Flights, response: str, channels: Sequence[str]) -> Variant:
     text = term_text(channels)
     column = without_linear_part(flights, product(channels), CHANNELS_OF.get(response, tuple(dict.fromkeys(channels))))
+    if response not in COEFFICIENTS:
+        column = _about_its_mean(flights, column)
     parameter = EffectParameter(f"{response}: {text}", per_unit(channels), term_sd(flights, response, column, 0.3))
     return _one(response, column, parameter, f"{text} in {response}, linear terms fitted without it", (text,))
 
