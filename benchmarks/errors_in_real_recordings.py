@@ -7,10 +7,13 @@ same manoeuvres. One error is put into the simulation, the readings or the const
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from real_recordings import DATA, attas_records, fitted
@@ -88,6 +91,18 @@ def twin_otter() -> Flown:
     return flown(read, ss.Aircraft.from_toml(folder / "aircraft.toml"), ["CX", "CZ", "Cm"])
 
 
+def citation() -> Flown:
+    """Eleven minutes of quasi-steady flight, as the script beside the record cuts them; the trim tab is a control."""
+    script = DATA / "citation-flight" / "make_case.py"
+    with tempfile.TemporaryDirectory() as made:
+        subprocess.run([sys.executable, str(script), made], check=True, stdout=subprocess.DEVNULL)
+        folder = Path(made) / "control-60s"
+        read = [ss.read_recording(path) for path in sorted((folder / "recordings").iterdir())]
+        aircraft = ss.Aircraft.from_toml(folder / "aircraft.toml")
+    terms = {"CX": TERMS["CX"], "CZ": ["alpha"], "Cm": [*TERMS["Cm"], "trim"]}
+    return Flown(read, aircraft, ss.AeroModel(fitted(compute_all(read, aircraft), terms)))
+
+
 def times(channel: str, factor: float) -> Callable[[Flown], Flown]:
     """A reading times a factor."""
     return lambda f: f.read(**{channel: lambda r: factor * r[channel]})
@@ -112,6 +127,7 @@ ERRORS: Mapping[str, tuple[Callable[[Flown], Flown], frozenset[str]]] = {
         frozenset({"actuator-lag", "sensor-delay"}),
     ),
     "centre of gravity off by 0.15 chords": (lambda f: f.about_another_point(0.15), frozenset({"cg-shift"})),
+    "thrust times 0.7": (times("thrust", 0.7), frozenset({"thrust-scale"})),
     "V times 1.12": (
         times("V", 1.12),
         frozenset({"sensor-scale", "sensor-bias", "position-error", "mass-error"}),
@@ -142,7 +158,7 @@ def main() -> None:
     parser.add_argument("errors", nargs="*", default=list(ERRORS), help="by default all")
     stated = parser.parse_args()
     print("| recordings | error | right | findings |\n|---|---|---|---|")
-    for make in (attas, twin_otter):
+    for make in (attas, twin_otter, citation):
         plain = make()
         for name in stated.errors:
             change, accept = ERRORS[name]

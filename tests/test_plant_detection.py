@@ -178,7 +178,7 @@ def over_ground(wind, seed=0, runs=4, n=400, dt=0.02):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_steady_wind_is_found_beside_an_airspeed_with_coloured_noise(seed):
+def test_a_steady_wind_is_found_with_coloured_noise_of_the_airspeed(seed):
     found = diagnose(*over_ground((2.0, -1.0), seed))
     first = found.findings[0]
     assert first.effect == "steady-wind"
@@ -193,7 +193,7 @@ def test_coloured_noise_of_an_airspeed_is_no_mismatch(seed):
 
 
 def test_a_simulation_of_air_data_without_accelerations_states_channels():
-    simulated, recordings = over_ground((0.0, 0.0))
+    _, recordings = over_ground((0.0, 0.0))
     ones = {r.name: Recording(r.name, r.t, {"V": r["V"] + 0.1, "alpha": 0.05 + 0.0 * r.t}) for r in recordings}
     with_vane = [r.with_channels(alpha=0.05 + 0.001 * np.sin(r.t)) for r in recordings]
     assert {c for f in prepare(ones, with_vane, None).flights for c in f.simulated} == {"V", "alpha"}

@@ -12,6 +12,7 @@ from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.plant import answers, find_plant
 from structsel.comparison.tolerances import Nuisance, noisy_responses
+from structsel.diagnosis.averages import exceeded_in_averages
 from structsel.diagnosis.change_times import find_event, find_steps, gain_columns
 from structsel.diagnosis.event import Event
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, explained_by_form
@@ -62,6 +63,9 @@ class Detection:
         The most probable effect.
     gains : mapping of response to float, optional
         Of a plant: another gain in some recordings, or one that changes with time.
+    averaged : tuple of str
+        Responses in whose averages over time a tolerance is exceeded, where nothing else was asked; see
+        `detect_in_averages`.
     """
 
     tolerances: tuple[ExceededTolerance, ...]
@@ -71,6 +75,7 @@ class Detection:
     isolated: IsolatedResidual | None = None
     predicted: PredictedEffect | None = None
     gains: Mapping[str, float] = field(default_factory=dict)
+    averaged: tuple[str, ...] = ()
 
     @property
     def parts(self) -> dict[str, float]:
@@ -83,6 +88,8 @@ class Detection:
     @property
     def axes(self) -> tuple[str, ...]:
         """Responses with evidence of the mismatch, the largest first."""
+        if self.averaged:
+            return self.averaged
         if self.alone is not None:
             return (self.alone.response,)
         each = {c: max(x, self.gains.get(c, x)) for c, x in self.remainder.items()}
@@ -199,6 +206,21 @@ def detect(
     return Detection(
         _best_of_each(causes), remainder, events, _deviations(rows, null), isolated_residual(problem), predicted
     )
+
+
+def detect_in_averages(problem: DiagnosisProblem) -> Detection | None:
+    """Evidence of exceeded tolerances in averages over time; None for plants, and where none may be exceeded.
+
+    Turbulence, and noise that lasts, move the aircraft: functions of the recorded motion then explain differences that
+    they do not cause. Averages over longer times have little of that.
+    """
+    if not set(problem.judged_responses) & set(COEFFICIENTS):
+        return None
+    seen = exceeded_in_averages(problem)
+    if not seen.tolerances:
+        return None
+    nothing = dict.fromkeys(problem.judged_responses, -np.inf)
+    return Detection(seen.tolerances, nothing, [], seen.deviations, averaged=seen.responses)
 
 
 def _detect_in_plant(

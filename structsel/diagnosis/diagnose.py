@@ -26,7 +26,7 @@ from structsel.comparison.tolerances import Nuisance
 from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import make_findings
-from structsel.diagnosis.detection import Detection, detect, isolated_residual
+from structsel.diagnosis.detection import Detection, detect, detect_in_averages, isolated_residual
 from structsel.diagnosis.material import find_material
 from structsel.diagnosis.notes import notes
 from structsel.diagnosis.problem import DiagnosisProblem
@@ -154,13 +154,14 @@ def conclude(
         )
 
     def ask(scores: Sequence[EffectScore], candidates: Sequence[CandidateEffect]) -> Detection | None:
-        """Detection of any mismatch, unless turbulence or lasting noise causes the motion and the differences."""
+        """Detection of any mismatch; in averages, if turbulence or lasting noise causes motion and differences."""
         nonlocal turbulence, coloured
         if turbulence is None:
             left, unconfirmed = residuals(problem), unconfirmed_log_bayes(scores)
             turbulence = turbulence_without_vanes(flights, left, unconfirmed)
             coloured = turbulence is None and has_coloured_forces(flights, left, unconfirmed)
-        return None if coloured or turbulence is not None else detect(flights, problem, candidates)
+        moved = coloured or turbulence is not None
+        return detect_in_averages(problem) if moved else detect(flights, problem, candidates)
 
     ranking = rank(problem, library, progress, ask)
     alone = isolated_residual(ranking.problem) if ranking.steps and turbulence is None else None
@@ -182,8 +183,8 @@ def conclude(
         if findings:
             findings = find_material(ranking, findings)
         findings = less_probable(findings, alone) + find_unknown(ranking, left, responses, ceiling)
-        if not findings:
-            findings += detected(ranking, responses)
+    if not findings:
+        findings = detected(ranking, responses)
     if library.may_name("sensor-delay"):
         findings = [*removed_delays(prepared, responses), *findings]
     verdict: Verdict = "mismatch" if findings else "consistent"
@@ -197,8 +198,9 @@ def conclude(
     corrected = corrected_model(prepared, ranking) if ranking.steps else None
     remarks += corrected.remarks if corrected is not None else ()
     # In turbulence the deviations are those of the response to the inputs: gusts bias the others.
-    if ranking.detection is not None and not findings:
-        deviations = _largest(ranking.detection.deviations)
+    seen = ranking.detection
+    if seen is not None and (seen.averaged or not findings):
+        deviations = _largest(seen.deviations)
     else:
         judged = (turbulence and ranking.input_only) or ranking.problem
         deviations = _largest(zip(judged.nuisances, *judged.deviations))

@@ -15,7 +15,7 @@ from structsel.effects.base import ParameterEstimate
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import wider_priors
 
-_WIDER = np.array([5.0, 15.0, 50.0])
+WIDER = np.array([5.0, 15.0, 50.0])
 """Prior standard deviations of an exceeded parameter, over its stated tolerance (1 sigma); equally probable."""
 EVEN = 4.0
 """Deviation in stated tolerances at which a well determined parameter has probability one half to be exceeded."""
@@ -107,7 +107,7 @@ def exceeded(
     others = max((logs[j] for j in range(len(tolerances)) if j not in stated), default=-np.inf)
     made = []
     for j in sorted((j for j in stated if logs[j] > 0.0), key=lambda j: -logs[j]):
-        freed, spread = _freed(mean, covariance, j, _WIDER[-1] / scale[j])
+        freed, spread = _freed(mean, covariance, j, WIDER[-1] / scale[j])
         left = worth * _log_bayes(freed, np.diag(spread), scale)[[i for i in stated if i != j]]
         alone = scipy.special.expit(_log_bayes_at(EVEN) - left.max(initial=-np.inf))
         alone = float(alone * scipy.special.expit(logs[j] - others))
@@ -161,15 +161,15 @@ def exceeded_as_recorded(
 
 def _log_bayes(mean: Array, variance: Array, scale: Array) -> Array:
     """(k,) log Bayes factors of each prior wider than stated by one of some factors, over the prior as stated."""
-    wide = wider_priors(mean, variance, _WIDER / scale[:, None])
-    more = scipy.special.logsumexp(wide, axis=1) - np.log(len(_WIDER))
+    wide = wider_priors(mean, variance, WIDER / scale[:, None])
+    more = scipy.special.logsumexp(wide, axis=1) - np.log(len(WIDER))
     return np.asarray(more - wider_priors(mean, variance, 1.0 / scale))
 
 
 def _log_bayes_at(deviations: float) -> float:
     """Log Bayes factor of a deviation that is known exactly."""
-    wide = scipy.stats.norm.logpdf(deviations, scale=_WIDER)
-    return float(scipy.special.logsumexp(wide) - np.log(len(_WIDER)) - scipy.stats.norm.logpdf(deviations))
+    wide = scipy.stats.norm.logpdf(deviations, scale=WIDER)
+    return float(scipy.special.logsumexp(wide) - np.log(len(WIDER)) - scipy.stats.norm.logpdf(deviations))
 
 
 def _freed(mean: Array, covariance: Array, j: int, factor: float) -> tuple[Array, Array]:

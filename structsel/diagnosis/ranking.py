@@ -183,7 +183,8 @@ def with_detection(
     """
     beyond = p["nothing"] * seen.probability_by_rows
     made = dict(p) | {"nothing": p["nothing"] * (1.0 - seen.probability)}
-    largest = max((log_bayes(one.score) for one in candidates), default=-np.inf)
+    of_motion = () if seen.averaged else candidates  # which differences may have caused
+    largest = max((log_bayes(one.score) for one in of_motion), default=-np.inf)
     if seen.predicted is not None:
         largest = max(largest, seen.predicted.log_bayes)
     exceeded = seen.tolerances[0].log_bayes if seen.tolerances else -np.inf

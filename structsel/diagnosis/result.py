@@ -101,6 +101,8 @@ class EffectFinding:
         Inputs of that manoeuvre, deviations from trim; only for ambiguous effects that one distinguishes.
     events : tuple of Event
         Times at which the differences change, if such a change was detected.
+    is_fitted : bool
+        Whether the effect was added to the simulation; a mismatch that was only detected has no errors with it.
     bars : mapping of response to Bars
         After this finding and those before it.
     explainable, explained : float
@@ -122,6 +124,7 @@ class EffectFinding:
     fraction: float
     manoeuvre: Recording | None = None
     events: tuple[Event, ...] = ()
+    is_fitted: bool = True
 
     share = renamed_attribute("fraction")
 

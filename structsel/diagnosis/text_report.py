@@ -228,12 +228,12 @@ def _errors(number: int, finding: EffectFinding) -> Iterator[str]:
 
 
 def stages_of(finding: EffectFinding, number: int) -> tuple[str, ...]:
-    """Stages at which errors are shown: with nothing but an unknown cause there is none with effects."""
-    return STAGES[:2] if finding.effect == UNNAMED and number == 1 else STAGES
+    """Stages at which errors are shown: none with effects where nothing was added to the simulation."""
+    return STAGES if finding.is_fitted or number > 1 else STAGES[:2]
 
 
 def _explains(finding: EffectFinding) -> str:
-    if not math.isfinite(finding.explained) or finding.effect == UNNAMED:
+    if not math.isfinite(finding.explained) or not finding.is_fitted:
         return ""
     text = f"{format_percent(finding.explained)} of the mismatch in {_and(finding.axes[:_RESPONSES])}"
     regression = f"; a regression on all channels {format_percent(finding.explainable)}"

@@ -61,7 +61,7 @@ def find_unknown(
     )
     mean = float(np.mean(list(ceiling(axes).values())))
     physics = Physics(UNNAMED, float(np.clip(np.mean([fraction[c] for c in axes]), 0.0, 1.0)), says)
-    return [EffectFinding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0)]
+    return [EffectFinding(axes, "static", (physics,), {}, {}, (), "", bars, mean, 0.0, 0.0, is_fitted=False)]
 
 
 def detected(ranking: Ranking, responses: Sequence[str]) -> list[EffectFinding]:
@@ -101,7 +101,10 @@ def detected(ranking: Ranking, responses: Sequence[str]) -> list[EffectFinding]:
     kinds = {s.effect: s.hypothesis.kind for s in ranking.scores}
     kind = kinds.get(physics[0].effect, "unknown")
     nan = float("nan")
-    return [EffectFinding(axes, kind, tuple(physics), {}, {}, ties, "", bars, nan, 0.0, 0.0, events=detection.event)]
+    made = EffectFinding(
+        axes, kind, tuple(physics), {}, {}, ties, "", bars, nan, 0.0, 0.0, events=detection.event, is_fitted=False
+    )
+    return [made]
 
 
 def turbulent(found: TurbulenceEstimate, ranking: Ranking, responses: Sequence[str]) -> EffectFinding:

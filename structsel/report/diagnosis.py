@@ -139,6 +139,8 @@ def _explained_text(place: int, finding: EffectFinding) -> str:
     )
     if finding.effect == UNNAMED:
         return f"No effect explains the differences{regression}."
+    if not finding.is_fitted:
+        return "It was detected, and not added to the simulation."
     return (
         f"Explains {format_percent(finding.explained)} of the variance of the differences{with_others}{regression}. "
         f"Its fraction of all that is explained is {format_percent(finding.fraction)}."
@@ -165,14 +167,16 @@ def _errors(place: int, finding: EffectFinding) -> Table:
 
 
 def _explained(diagnosis: Diagnosis) -> Section | None:
-    """Explained variance of all findings."""
-    if not shown_findings(diagnosis):
-        return None
+    """Explained variance of all findings that were added to the simulation, or that a regression predicts."""
     rows = []
     for k, f in enumerate(shown_findings(diagnosis)):
+        if not (f.is_fitted or math.isfinite(f.explainable)):
+            continue
         text = f"{format_percent(f.explained)} explained, {format_percent(f.explainable)} explainable"
         bar = Bar(0.0, _percent(f.explained) or 0.0, text, f"f{k % 4}", mark=_percent(f.explainable))
         rows.append((f"{k + 1}. {f.effect}", ", ".join(f.axes), f.explained, bar, f.explainable, f.fraction))
+    if not rows:
+        return None
     numbers = (
         Column("explained", "%"),
         Column("mark: regression"),
