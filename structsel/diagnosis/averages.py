@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import misread
 from structsel.comparison.tolerances import Nuisance, biases_of
-from structsel.diagnosis.exceeded import WIDER, ExceededTolerance, exceeded, explained_by_form
+from structsel.diagnosis.exceeded import WIDER, ExceededTolerance, deviations_of, exceeded, explained_by_form
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.unknown_function import form_of
 from structsel.numerics.arrays import Array
@@ -78,8 +79,7 @@ def exceeded_in_averages(problem: DiagnosisProblem) -> AveragedEvidence:
     each = sorted((e for e in asked if e.log_bayes > 0.0), key=lambda e: -e.log_bayes)
     if not each or each[0].tolerance.name not in _TOLD:
         each = []
-    std = np.sqrt(np.diag(covariance))
-    deviations = tuple((n, float(m), float(s)) for n, m, s in zip(of.tolerances, mean, std))
+    deviations = deviations_of(of.tolerances, mean, covariance)
     return AveragedEvidence(tuple(each), deviations, of.shows(each[0]) if each else ())
 
 
@@ -151,7 +151,7 @@ class _Averages:
             *_scatter(expected, slopes, response, flight, window),
         )  # fmt: skip
 
-    @property
+    @cached_property
     def stated(self) -> Array:
         """Covariance of the averages by the stated tolerances and the biases."""
         return np.asarray(self.B @ self.B.T + self.own)
@@ -189,8 +189,8 @@ class _Averages:
         logs = [one.log_evidence for one in more]
         plain = self.likeliest(self.with_prior(j, within), start).log_evidence
         log_bayes = float(scipy.special.logsumexp(logs) - np.log(len(WIDER)) - plain)
-        factor = float(WIDER[int(np.argmax(logs))])
-        return self.exceeding(j, factor, more[int(np.argmax(logs))].scatter, log_bayes, form)
+        best = int(np.argmax(logs))
+        return self.exceeding(j, float(WIDER[best]), more[best].scatter, log_bayes, form)
 
     def posterior(self, K: Array) -> tuple[Array, Array]:
         """Mean and covariance of all parameters [stated tolerances]."""
@@ -254,7 +254,7 @@ def _time_alike(flights: Sequence[Flight], response: str) -> float:
     """Samples over which the differences are alike: the integral of their autocorrelation, to its first zero."""
     lags = min(map(len, flights)) // 2
     power = np.array([np.var(f.difference[response]) * len(f) for f in flights])
-    each = [autocorrelation(f.difference[response] - f.difference[response].mean(), lags) for f in flights]
+    each = [autocorrelation(f.difference[response], lags) for f in flights]
     mean = power @ np.array(each) / max(float(power.sum()), 1e-300)
     crossing = np.flatnonzero(mean <= 0.0)
     last = crossing[0] if len(crossing) else len(mean)

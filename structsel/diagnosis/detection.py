@@ -8,14 +8,20 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from structsel.comparison.causal_rows import CausalRows, Null
+from structsel.comparison.causal_rows import CausalRows
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.comparison.plant import answers, find_plant
 from structsel.comparison.tolerances import Nuisance, noisy_responses
 from structsel.diagnosis.averages import exceeded_in_averages
 from structsel.diagnosis.change_times import find_event, find_steps, gain_columns
 from structsel.diagnosis.event import Event
-from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded, explained_by_form
+from structsel.diagnosis.exceeded import (
+    ExceededTolerance,
+    deviations_of,
+    exceeded,
+    exceeded_as_recorded,
+    explained_by_form,
+)
 from structsel.diagnosis.isolated import IsolatedResidual, find_isolated
 from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted, find_predicted_in_plant
 from structsel.diagnosis.problem import DiagnosisProblem
@@ -204,7 +210,12 @@ def detect(
     )
     predicted = find_predicted(rows, null, candidates, white)
     return Detection(
-        _best_of_each(causes), remainder, events, _deviations(rows, null), isolated_residual(problem), predicted
+        _best_of_each(causes),
+        remainder,
+        events,
+        deviations_of(rows.tolerances, null.mean, null.covariance),
+        isolated_residual(problem),
+        predicted,
     )
 
 
@@ -248,7 +259,15 @@ def _detect_in_plant(
     events = find_steps(rows, null)
     causes = exceeded(rows.tolerances, null.mean, null.covariance, form=explained_by_form(problem, rows.size, form))
     predicted = find_predicted_in_plant(rows, null, candidates, form)
-    return Detection(_best_of_each(causes), remainder, events, _deviations(rows, null), None, predicted, gains)
+    return Detection(
+        _best_of_each(causes),
+        remainder,
+        events,
+        deviations_of(rows.tolerances, null.mean, null.covariance),
+        None,
+        predicted,
+        gains,
+    )
 
 
 def _best_of_each(causes: Sequence[ExceededTolerance]) -> tuple[ExceededTolerance, ...]:
@@ -257,11 +276,6 @@ def _best_of_each(causes: Sequence[ExceededTolerance]) -> tuple[ExceededToleranc
     for one in sorted(causes, key=lambda one: -one.log_bayes):
         best.setdefault(one.tolerance.name, one)
     return tuple(best.values())
-
-
-def _deviations(rows: CausalRows, null: Null) -> tuple[tuple[Nuisance, float, float], ...]:
-    std = np.sqrt(np.diag(null.covariance))
-    return tuple((n, float(m), float(s)) for n, m, s in zip(rows.tolerances, null.mean, std))
 
 
 def isolated_residual(problem: DiagnosisProblem) -> IsolatedResidual | None:

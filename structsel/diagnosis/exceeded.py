@@ -116,6 +116,14 @@ def exceeded(
     return tuple(made)
 
 
+def deviations_of(
+    tolerances: Sequence[Nuisance], mean: Array, covariance: Array
+) -> tuple[tuple[Nuisance, float, float], ...]:
+    """Each parameter with the mean and the standard deviation of its posterior [stated tolerances]."""
+    std = np.sqrt(np.diag(covariance))
+    return tuple((n, float(m), float(s)) for n, m, s in zip(tolerances, mean, std))
+
+
 def explained_by_form(
     problem: DiagnosisProblem, size: Mapping[str, float], form: Mapping[str, float]
 ) -> dict[str, float]:

@@ -101,13 +101,8 @@ def find_predicted_in_plant(
     return PredictedEffect(first.effect, max(logs), 1.0, first.of_form) if logs else None
 
 
-def most_probable(candidates: Sequence[CandidateEffect]) -> CandidateEffect | None:
-    """The candidate with the largest log odds; None where there is none."""
-    return max(candidates, key=lambda one: one.log_odds, default=None)
-
-
 def _first_candidate(candidates: Sequence[CandidateEffect]) -> CandidateEffect | None:
-    first = most_probable(candidates)
+    first = max(candidates, key=lambda one: one.log_odds, default=None)
     return None if first is None or first.score.event or first.score.hypothesis.kind == "sensor" else first
 
 

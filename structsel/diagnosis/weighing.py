@@ -263,7 +263,8 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
     scores : sequence of EffectScore
         Of all effects.
     """
-    kept, alternatives = _admissible(problem, scores)
+    is_plant = not set(problem.judged_responses) & set(COEFFICIENTS)
+    kept, alternatives = _admissible(problem, scores, is_plant)
     made = []
     for one, taken, gain, of_plant in kept:
         as_given = max(0.0, ahead_of(one, alternatives, log_bayes_as_given)) * np.log1p(
@@ -286,18 +287,15 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
         )
         of_form = beyond_form(problem, extended)
         max_log_odds = min(np.inf if one.event else agreed(extended), of_form) - AGREED
-        is_plant = not set(problem.judged_responses) & set(COEFFICIENTS)
-        if is_plant:
-            of_form = of_plant
         identified = problem.flights[0].is_identified
         lowers = gain >= _LOWERS or taken.judged_there >= _THERE
         x = np.array(values, dtype=float)
-        made.append(CandidateEffect(one, x, max_log_odds, lowers, gain, identified, of_form, is_plant))
+        made.append(CandidateEffect(one, x, max_log_odds, lowers, gain, identified, min(of_form, of_plant), is_plant))
     return made
 
 
 def _admissible(
-    problem: DiagnosisProblem, scores: Sequence[EffectScore]
+    problem: DiagnosisProblem, scores: Sequence[EffectScore], is_plant: bool
 ) -> tuple[list[tuple[EffectScore, Taken, float, float]], list[EffectScore]]:
     """Candidate effects, with what each explains and how far it decreases the error; and all alternatives.
 
@@ -322,7 +320,8 @@ def _admissible(
             if degrades > _DEGRADES:
                 alternatives.remove(one)
             else:
-                kept.append((one, taken, max(gain, 0.0), beyond_plant_form(plain, before, after)))
+                of_plant = beyond_plant_form(plain, before, after) if is_plant else np.inf
+                kept.append((one, taken, max(gain, 0.0), of_plant))
     return kept, alternatives
 
 
