@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from structsel.diagnosis.event import Event
 from structsel.diagnosis.views import acting_range, bin_residuals, driving_channel, moving_channels, residuals
 from structsel.errors import DataError
 from structsel.plotting.diagnosis import plot_difference_against, plot_error_by_stage, plot_explained, plot_time_history
@@ -62,6 +64,18 @@ def test_each_finding_has_a_bar_of_the_explained_part_and_a_mark_of_the_explaina
     ax = plot_explained(diagnosis(GROUND, VANE))
     assert_allclose([bar.get_width() for bar in ax.containers[0]], [90.0, 94.0])
     assert_allclose(ax.get_lines()[0].get_xdata(), [93.0, 95.0])
+
+
+def test_a_finding_that_was_only_detected_has_no_line_with_it_and_its_event_is_drawn():
+    event = Event("m02", 7.5, 0.2, "step")
+    made = diagnosis(replace(GROUND, intervals={}, events=(event,), is_fitted=False))
+    ax = plot_time_history(made)
+    assert ax.get_title() == "m02"
+    _, _, retuned, change = ax.get_lines()
+    assert_allclose(retuned.get_ydata(), made.traces["m02"].refitted["CZ"])
+    assert_allclose(change.get_xdata(), 7.5)
+    assert [text.get_text() for text in ax.get_legend().get_texts()][1:3] == ["as given", "retuned within tolerances"]
+    assert len(plot_error_by_stage(made, ax=plt.figure().gca()).containers) == 2
 
 
 @pytest.mark.parametrize("draw", [plot_error_by_stage, plot_explained, plot_difference_against])

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from structsel.diagnosis.event import Event
 from structsel.report import render, write_report
 from structsel.report.chart_data import MAX_VALUES
 from structsel.report.diagnosis_charts import figures_of
@@ -212,6 +213,18 @@ def test_the_figures_hold_the_time_histories_in_the_units_people_read():
     assert (data["units"]["alpha"], data["units"]["h_agl"]) == ("deg", "m")
     assert data["findings"][0]["channel"] == "h_agl"
     assert json.loads(json.dumps(data, allow_nan=False)) == data
+
+
+def test_the_figures_of_a_finding_that_was_only_detected_open_at_its_event_without_a_line_with_it():
+    detected = replace(GROUND, intervals={}, events=(Event("m02", 7.5, 0.2, "step"),), is_fitted=False)
+    data = figures_of(diagnosis(detected))
+    assert [stage for stage, _ in data["stages"]] == ["delivered", "refitted"]
+    assert data["hidden"] == []
+    (finding,) = data["findings"]
+    assert finding["recording"] == "m02"
+    assert finding["intervals"]["m02"] == [[7.3, 7.7]]
+    assert "physics" not in data["recordings"]["m03"]["responses"]["CZ"]
+    assert {stage for each in data["scatter"]["residuals"].values() for stage in each} == {"delivered", "refitted"}
 
 
 def test_long_recordings_are_thinned_to_a_page_that_can_be_mailed():

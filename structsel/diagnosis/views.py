@@ -44,10 +44,14 @@ class Binned:
     counts: Array
 
 
+def simulated(trace: Trace, stage: str) -> Mapping[str, Array]:
+    """Simulated responses at a stage."""
+    return {"delivered": trace.simulated, "refitted": trace.refitted, "physics": trace.explained}[stage]
+
+
 def residuals(trace: Trace, response: str) -> dict[str, Array]:
     """Measured less simulated, by stage."""
-    modelled = dict(zip(STAGES, (trace.simulated, trace.refitted, trace.explained)))
-    return {stage: np.asarray(trace.measured[response] - one[response]) for stage, one in modelled.items()}
+    return {stage: np.asarray(trace.measured[response] - simulated(trace, stage)[response]) for stage in STAGES}
 
 
 def unit_shown(name: str) -> str:
@@ -72,6 +76,25 @@ def shown_responses(diagnosis: Diagnosis) -> list[str]:
     first = [c for finding in diagnosis.findings for c in finding.axes]
     every = list(dict.fromkeys([*first, *diagnosis.responses, *traces[0].measured]))
     return [c for c in every if all(c in one.measured for one in traces)]
+
+
+def shown_stages(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Stages of the simulation that differ: the last one only if a finding was added to the simulation."""
+    return STAGES if any(f.is_fitted for f in diagnosis.findings) else STAGES[:-1]
+
+
+def main_recording(diagnosis: Diagnosis, finding: EffectFinding) -> str:
+    """Recording in which a finding acts longest, or that of its first event.
+
+    Returns
+    -------
+    str
+        Empty if it acts all the time.
+    """
+    acts = {n: sum(b - a for a, b in each) for n, each in finding.intervals.items() if n in diagnosis.traces}
+    if any(acts.values()):
+        return max(acts, key=lambda name: acts[name])
+    return next((e.recording for e in finding.events if e.recording in diagnosis.traces), "")
 
 
 def driving_channel(diagnosis: Diagnosis, finding: EffectFinding) -> str:

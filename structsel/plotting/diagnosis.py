@@ -12,7 +12,10 @@ from structsel.diagnosis.views import (
     acting_range,
     bin_residuals,
     driving_channel,
+    main_recording,
     shown_responses,
+    shown_stages,
+    simulated,
     unit_shown,
     worth_showing,
 )
@@ -50,7 +53,7 @@ def plot_time_history(diagnosis: Diagnosis, *, recording: str = "", response: st
     ----------
     diagnosis : Diagnosis
     recording : str, optional
-        By default the one in which the first finding acts longest.
+        By default the one in which the first finding acts longest, or that of its event.
     response : str, optional
         By default the one in which the first finding is clearest.
     ax : Axes, optional
@@ -65,7 +68,7 @@ def plot_time_history(diagnosis: Diagnosis, *, recording: str = "", response: st
     DataError
         The diagnosis has no such time history.
     """
-    name = recording or _longest(diagnosis)
+    name = recording or _shown_recording(diagnosis)
     response = _response(diagnosis, response, None)
     if name not in diagnosis.traces:
         raise DataError(f"the diagnosis has no time history of '{name}'; it has {_list(diagnosis.traces)}.")
@@ -73,17 +76,17 @@ def plot_time_history(diagnosis: Diagnosis, *, recording: str = "", response: st
     ax = get_axes(ax)
     units = {response: unit_shown(response)}
     factor, some = scale(response, units), decimate(len(trace.t))
-    lines = (
-        (trace.measured, MEASURED, "measured", 2.2),
-        (trace.simulated, _COLOURS["delivered"], _STAGES["delivered"], 0.9),
-        (trace.explained, _COLOURS["physics"], _STAGES["physics"], 0.9),
-    )
-    for values, colour, text, width in lines:
-        ax.plot(trace.t[some], factor * values[response][some], color=colour, lw=width, label=text)
+    ax.plot(trace.t[some], factor * trace.measured[response][some], color=MEASURED, lw=2.2, label="measured")
+    for stage in _first_and_last(diagnosis):
+        values = factor * simulated(trace, stage)[response][some]
+        ax.plot(trace.t[some], values, color=_COLOURS[stage], lw=0.9, label=_STAGES[stage])
     for k, finding in enumerate(diagnosis.findings):
         for i, (start, end) in enumerate(finding.intervals.get(name, ())):
             shade = FINDINGS[k % len(FINDINGS)]
             ax.axvspan(start, end, color=shade, alpha=0.18, lw=0, label=None if i else finding.effect)
+        for event in finding.events:
+            if event.recording == name:
+                ax.axvline(event.t, color=FINDINGS[k % len(FINDINGS)], ls="--", lw=1.0, label=finding.effect)
     ax.set_xlabel(TIME)
     ax.set_ylabel(label(response, units))
     ax.set_title(name, fontsize="small")
@@ -131,8 +134,8 @@ def plot_difference_against(
     binned = bin_residuals(diagnosis, response, channel, acts)
     x = np.concatenate([one.channels[channel] for one in traces])
     some = decimate(4 * len(x))
-    for stage, values in (("delivered", "simulated"), ("physics", "explained")):
-        difference = np.concatenate([one.measured[response] - getattr(one, values)[response] for one in traces])
+    for stage in _first_and_last(diagnosis):
+        difference = np.concatenate([one.measured[response] - simulated(one, stage)[response] for one in traces])
         style: dict[str, Any] = {"color": _COLOURS[stage], "alpha": 0.2, "mew": 0, "ms": 3}
         ax.plot(along * x[some], factor * difference[some], ".", rasterized=True, **style)
         half = np.nan_to_num(factor * binned.half[stage])
@@ -153,6 +156,8 @@ def plot_difference_against(
 def plot_error_by_stage(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
     """Draw the error of each response in validation: as given, retuned within tolerances, with the effects found.
 
+    Where no finding was added to the simulation, the first two.
+
     Parameters
     ----------
     diagnosis : Diagnosis
@@ -171,9 +176,10 @@ def plot_error_by_stage(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes
     bars = _finding(diagnosis, -1).bars
     ax = get_axes(ax)
     names = list(bars)
-    for k, (stage, text) in enumerate(_STAGES.items()):
+    for k, stage in enumerate(shown_stages(diagnosis)):
         heights = [getattr(bars[c], stage).rrmse for c in names]
-        drawn = ax.bar(np.arange(len(names)) + (k - 1) * _BAR, heights, 0.9 * _BAR, color=_COLOURS[stage], label=text)
+        at = np.arange(len(names)) + (k - 1) * _BAR
+        drawn = ax.bar(at, heights, 0.9 * _BAR, color=_COLOURS[stage], label=_STAGES[stage])
         ax.bar_label(drawn, [format_decimals(h, 2) for h in heights], fontsize="xx-small", padding=1)
     ax.set_xticks(np.arange(len(names)), [symbol(c) for c in names])
     ax.set_ylim(0.0, _HEADROOM * ax.get_ylim()[1])
@@ -236,13 +242,16 @@ def _response(diagnosis: Diagnosis, response: str, finding: EffectFinding | None
     return chosen
 
 
-def _longest(diagnosis: Diagnosis) -> str:
-    """Recording in which the first finding with intervals acts longest; else the first recording."""
-    for finding in diagnosis.findings:
-        spans = {n: sum(b - a for a, b in each) for n, each in finding.intervals.items() if n in diagnosis.traces}
-        if any(spans.values()):
-            return max(spans, key=lambda name: spans[name])
-    return next(iter(diagnosis.traces), "")
+def _shown_recording(diagnosis: Diagnosis) -> str:
+    """Recording of the first finding that does not act all the time; else the first recording."""
+    named = (main_recording(diagnosis, finding) for finding in diagnosis.findings)
+    return next(filter(None, named), next(iter(diagnosis.traces), ""))
+
+
+def _first_and_last(diagnosis: Diagnosis) -> tuple[str, str]:
+    """The simulation as given, and the last stage that differs from it."""
+    stages = shown_stages(diagnosis)
+    return stages[0], stages[-1]
 
 
 def _list(names: Iterable[str]) -> str:

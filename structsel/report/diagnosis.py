@@ -62,7 +62,7 @@ def page_of(diagnosis: Diagnosis, changes: tuple[Section, ...] = ()) -> dict[str
         "parts": place_sections([s for s in sections if s]),
         "summary": _summary(diagnosis),
         "data": figures_of(diagnosis),
-        "shaded": "Shaded: the intervals in which a finding acts.",
+        "shaded": "Shaded: the intervals in which a finding acts, and the times of changes.",
         "legend": _LEGEND,
     }
 

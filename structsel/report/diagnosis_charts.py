@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from structsel.diagnosis.held_out_result import ExampleWindows, HeldOutSimulation
-from structsel.diagnosis.result import Diagnosis, Trace
+from structsel.diagnosis.result import Diagnosis, EffectFinding, Trace
 from structsel.diagnosis.text_report import shown_findings
 from structsel.diagnosis.views import (
     STAGES,
@@ -15,8 +16,11 @@ from structsel.diagnosis.views import (
     acting_range,
     bin_residuals,
     driving_channel,
+    main_recording,
     moving_channels,
     shown_responses,
+    shown_stages,
+    simulated,
     unit_shown,
     worth_showing,
 )
@@ -30,16 +34,18 @@ STAGE_NAMES = dict(zip(STAGES, ("as given", "retuned", "with the effects")))
 def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
     """Data of the charts, in display units; plain values that JSON holds."""
     responses, channels = shown_responses(diagnosis), moving_channels(diagnosis)
+    stages = {stage: STAGE_NAMES[stage] for stage in shown_stages(diagnosis)}
     units = {name: display_unit(unit_shown(name)) for name in (*responses, *channels)}
     ranges = {c: _range(diagnosis, c) for c in channels}
     binned = {
         r: {c: _pack_bins(bin_residuals(diagnosis, r, c, ranges[c]), units[r][0], units[c][0]) for c in channels}
         for r in responses
     }
-    flights = {name: _flight(one, responses, channels) for name, one in diagnosis.traces.items()}
+    flights = {name: _flight(one, responses, channels, stages) for name, one in diagnosis.traces.items()}
     replayed = diagnosis.replayed
     charts = [_windows_chart(replayed, replayed.example)] if replayed and replayed.example else []
-    data = chart_data(flights, STAGE_NAMES, units, verb="simulated", hidden=["refitted"], binned=binned, charts=charts)
+    hidden = list(stages)[1:-1]
+    data = chart_data(flights, stages, units, verb="simulated", hidden=hidden, binned=binned, charts=charts)
     return {
         **data,
         "first": {c: _first_range(diagnosis, c, ranges[c], units[c][0]) for c in channels},
@@ -48,7 +54,8 @@ def figures_of(diagnosis: Diagnosis) -> dict[str, Any]:
                 "effect": f.effect,
                 "response": next((c for c in f.axes if c in responses), ""),
                 "channel": driving_channel(diagnosis, f),
-                "intervals": {name: [list(s) for s in each] for name, each in f.intervals.items()},
+                "recording": main_recording(diagnosis, f),
+                "intervals": {name: _shaded(f, name) for name in diagnosis.traces},
                 "region": {c: [pack_number(units[c][0] * x) for x in at] for c, at in f.region.items() if c in units},
             }
             for f in shown_findings(diagnosis)
@@ -81,10 +88,16 @@ def _windows_chart(result: HeldOutSimulation, example: ExampleWindows) -> dict[s
     )
 
 
-def _flight(trace: Trace, responses: list[str], channels: list[str]) -> ChartFlight:
-    lines = {"measured": trace.measured} | dict(zip(STAGES, (trace.simulated, trace.refitted, trace.explained)))
+def _flight(trace: Trace, responses: list[str], channels: list[str], stages: Iterable[str]) -> ChartFlight:
+    lines = {"measured": trace.measured} | {stage: simulated(trace, stage) for stage in stages}
     each = {r: {kind: values[r] for kind, values in lines.items()} for r in responses}
     return ChartFlight(trace.t, each, {c: trace.channels[c] for c in channels})
+
+
+def _shaded(finding: EffectFinding, recording: str) -> list[list[float]]:
+    """Intervals of a recording in which a finding acts, and the times of its events with their standard deviations."""
+    events = [(e.t - e.std, e.t + e.std) for e in finding.events if e.recording == recording]
+    return [list(span) for span in (*finding.intervals.get(recording, ()), *events)]
 
 
 def _range(diagnosis: Diagnosis, channel: str) -> tuple[float, float] | None:

@@ -125,9 +125,7 @@ function fill(id, names) {
 function showFinding(place) {
   const f = data.findings[place];
   if (!f) return;
-  const acts = name => (f.intervals[name] || []).reduce((sum, [a, b]) => sum + b - a, 0);
-  const names = Object.keys(data.recordings);
-  pick.recording.value = names.reduce((best, name) => acts(name) > acts(best) ? name : best, names[0]);
+  pick.recording.value = f.recording || Object.keys(data.recordings)[0];
   if (f.response) pick.response.value = f.response;
   if (f.channel) pick.channel.value = f.channel;
   zoom = overZoom = interval = null;
