@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 import structsel as ss
+from structsel.comparison.nuisance import Nuisance
 from structsel.comparison.preparing import prepare
-from structsel.comparison.tolerances import Nuisance
 from structsel.diagnosis.averages import _Averages, _scatter, _time_alike, exceeded_in_averages
 from structsel.diagnosis.problem import DiagnosisProblem
 from tests.models import model_of

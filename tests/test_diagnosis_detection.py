@@ -11,10 +11,11 @@ from scipy.stats import norm
 import structsel as ss
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.causal_rows import CausalRows
+from structsel.comparison.nuisance import Nuisance
 from structsel.comparison.past_motion import averaged, evaluated_at_readings, referred
 from structsel.comparison.preparing import prepare
 from structsel.comparison.sensitivity import misread
-from structsel.comparison.tolerances import Nuisance, _jumped, tolerances_of
+from structsel.comparison.tolerances import _jumped, tolerances_of
 from structsel.diagnosis.detection import SCALE, Detection, detect
 from structsel.diagnosis.event import Event
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded

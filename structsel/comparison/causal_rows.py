@@ -19,6 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
+from structsel.comparison.nuisance import WITHIN_SAMPLE, Nuisance
 from structsel.comparison.parameter_columns import accelerometer_moved
 from structsel.comparison.past_motion import (
     DELAY,
@@ -31,7 +32,7 @@ from structsel.comparison.past_motion import (
 )
 from structsel.comparison.prediction_filter import Filter
 from structsel.comparison.sensitivity import asked_wrongly
-from structsel.comparison.tolerances import WITHIN_SAMPLE, Nuisance, biases_of, tolerances_of
+from structsel.comparison.tolerances import biases_of, tolerances_of
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 

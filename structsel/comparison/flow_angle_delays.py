@@ -20,8 +20,8 @@ import scipy
 from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight
 from structsel.comparison.inertial_air_data import SLOW
+from structsel.comparison.nuisance import WITHIN_SAMPLE
 from structsel.comparison.prediction_filter import Filter
-from structsel.comparison.tolerances import WITHIN_SAMPLE
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import delayed
 

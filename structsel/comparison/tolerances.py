@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from structsel.aircraft import Tolerances
 from structsel.comparison.flight import Flight
+from structsel.comparison.noisy_simulation import readings_columns
+from structsel.comparison.nuisance import WITHIN_SAMPLE, Nuisance
 from structsel.comparison.parameter_columns import (
     accelerometer_moved,
     inertia_columns,
@@ -28,7 +29,6 @@ from structsel.nomenclature import (
     MOMENT_COEFFICIENTS,
 )
 from structsel.numerics.arrays import Array
-from structsel.numerics.signal_quality import estimate_white_noise, smoothed
 
 MAIN = {
     ("CX", "alpha"), ("CZ", "alpha"), ("CY", "beta"), ("Cl", "beta"), ("Cl", "p_hat"), ("Cl", "da"), ("Cm", "alpha"),
@@ -50,61 +50,16 @@ _BIAS = {"V": 0.3, "p": 0.001, "q": 0.001, "r": 0.001, "ax": 0.05, "ay": 0.05, "
 _LEVEL = dict.fromkeys(("V", "vn", "ve", "vd"), 0.3)  # m/s: a larger constant is wind
 _UNSTATED = 0.005  # rad
 _JUMPING = ("de", "da", "dr", "df", "throttle")
-WITHIN_SAMPLE = 0.29  # of a sampling interval: standard deviation of what lies anywhere in it
 _ASKED = ("V", "alpha", "beta", "de", "da", "dr")
 _JUMP, _ABOVE = 0.08, 3.0  # of a channel's span, and of the changes about it, above which a change is a jump
 _MAX_JUMPS = 12
 _SCALED = {"alpha": 1.0, "beta": 1.0, "V": 0.5, "phi": 0.5, "theta": 0.5, "psi": 0.5}
 """Of the stated tolerance: less for an airspeed system and a gyro that holds attitude than for a vane in its upwash."""
-_SLOWEST = 1.0 / 16.0  # of the shortest recording: width of the smoother beyond which a signal is no noise of readings
 _CHANGED = 0.1  # of a constant error, by which it changes between recordings of one flight
 _SURFACES = ("de", "da", "dr")
 _SEPARATE_CLOCKS = (
     ("V",), ("alpha",), ("beta",), ("phi", "theta", "psi"), ("p", "q", "r"), ("ax", "ay", "az"), _SURFACES,
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Nuisance:
-    """One thing that may be off, and by how much.
-
-    Attributes
-    ----------
-    name : str
-    sd : float
-        1 sigma, in `unit`.
-    unit : str
-    columns : mapping of response to (n,) array, one mapping per flight
-        What one `unit` of it adds to measured less simulated.
-    least : float
-        Part of `sd` that does not come of a stated tolerance: sampling, noise in the states.
-    delivered : bool
-        Whether it is free before any refit: a matter of sampling and evaluation, not of the simulation's parameters.
-    effect : str
-        Name of the effect that it is where it is larger than the tolerance; empty where no tolerance is stated for it.
-    absent : str
-        Name where it deviates by more than its own value, so that the simulation has nothing of the kind.
-    ahead : bool
-        Whether its columns are made of samples of the motion that come later, as a rate is.
-    constant : bool
-        Whether it is a constant error of an instrument.
-    """
-
-    name: str
-    sd: float
-    unit: str
-    columns: Sequence[Mapping[str, Array]]
-    least: float = 0.0
-    delivered: bool = False
-    effect: str = ""
-    absent: str = ""
-    ahead: bool = False
-    constant: bool = False
-
-    def scale(self, fraction: float) -> float:
-        """Factor on `sd` where errors are this fraction of the stated tolerances."""
-        least = min(1.0, self.least / self.sd)
-        return math.sqrt(least**2 + fraction**2 * (1.0 - least**2))
 
 
 def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
@@ -139,7 +94,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             wrong = {"scale": [f.simulated[response] for f in flights], **find_plant(flights, response).errors(flights)}
             for what, signals in wrong.items():
                 add(f"{response}: {what}", "main", "relative", [{response: x} for x in signals], "wrong-derivative")
-            made += _of_readings(flights, response)
+            made += readings_columns(flights, response)
             continue
         if first.surrogate is None:
             continue
@@ -203,11 +158,6 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
     return made + _shared_errors(flights)
 
 
-def noisy_responses(nuisances: Sequence[Nuisance]) -> set[str]:
-    """Responses of a plant that are simulated from its recorded motion, with its noise."""
-    return {c for n in nuisances if n.ahead for one in n.columns for c in one if c not in COEFFICIENTS}
-
-
 def couples(response: str, term: Sequence[str]) -> bool:
     """Whether a term is of the other family: longitudinal and lateral motion are then not apart."""
     return not _OTHERS[response].isdisjoint(term)
@@ -237,45 +187,6 @@ def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
             each = [{r: a * x for r, a in asked_wrongly(f, c).items()} for f, x in zip(flights, noise)]
             if _acts(each):
                 made.append(Nuisance(f"noise of {c}", 1.0, "relative", each, 1.0, True, ahead=True))
-    return made
-
-
-def _of_readings(flights: Sequence[Flight], response: str) -> list[Nuisance]:
-    """Noise and timing of a channel that is simulated from readings.
-
-    The differences contain its noise with the opposite sign, and whatever smooths the simulation, such as a lag, would
-    explain it. They do not contain what is quick in a simulation without noise. What is derived from readings, as an
-    acceleration is, is of their time to a part of a sampling interval only.
-    """
-    noise = [estimate_white_noise(f.simulated[response]) for f in flights]
-    power = sum(float(x @ x) for x in noise)
-    product = sum(float(x @ estimate_white_noise(f.difference[response])) for f, x in zip(flights, noise))
-    successive = sum(float(x[1:] @ x[:-1]) for x in noise)
-    # Nearer to none of it than to all; or nearer to a quick signal, whose samples are alike, than to noise.
-    if not power or product > -0.5 * power or successive > 0.5 * power:
-        return []
-    quiet = [f.simulated[response] - x for f, x in zip(flights, noise)]
-    late = [{response: -f.rate(x)} for f, x in zip(flights, quiet)]
-    sd = WITHIN_SAMPLE * float(np.median([f.dt for f in flights]))
-    return [
-        Nuisance(f"{response}: noise", 1.0, "relative", [{response: x} for x in noise], 1.0, True, ahead=True),
-        Nuisance(f"{response}: late", sd, "s", late, sd, True, ahead=True),
-        *_coloured_noise(response, quiet),
-    ]
-
-
-def _coloured_noise(response: str, signals: Sequence[Array]) -> list[Nuisance]:
-    """Any part of a signal in bands of an octave: noise of readings is coloured where they are filtered or held.
-
-    Each band may be less in what was measured, but not later: a lag remains one.
-    """
-    shortest = min(map(len, signals))
-    made, width = [], 1.0
-    while width < _SLOWEST * shortest:
-        smooth = [smoothed(x, width) for x in signals]
-        band = [{response: x - y} for x, y in zip(signals, smooth)]
-        made.append(Nuisance(f"{response}: noise of {width:g} samples", 1.0, "relative", band, 1.0, True, ahead=True))
-        signals, width = smooth, 2.0 * width
     return made
 
 

@@ -15,8 +15,9 @@ import scipy
 from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
+from structsel.comparison.nuisance import Nuisance
 from structsel.comparison.sensitivity import misread
-from structsel.comparison.tolerances import Nuisance, biases_of
+from structsel.comparison.tolerances import biases_of
 from structsel.diagnosis.exceeded import WIDER, ExceededTolerance, deviations_of, exceeded, explained_by_form
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.unknown_function import form_of

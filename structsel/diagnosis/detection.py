@@ -10,8 +10,9 @@ import scipy
 
 from structsel.comparison.causal_rows import CausalRows
 from structsel.comparison.flight import AIRFRAME, Flight
+from structsel.comparison.noisy_simulation import noisy_responses
+from structsel.comparison.nuisance import Nuisance
 from structsel.comparison.plant import answers, find_plant
-from structsel.comparison.tolerances import Nuisance, noisy_responses
 from structsel.diagnosis.averages import exceeded_in_averages
 from structsel.diagnosis.change_times import find_event, find_steps, gain_columns
 from structsel.diagnosis.event import Event

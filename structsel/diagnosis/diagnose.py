@@ -20,9 +20,9 @@ from structsel.comparison.locating.turbulence import (
     has_coloured_forces,
     turbulence_without_vanes,
 )
+from structsel.comparison.nuisance import Nuisance
 from structsel.comparison.preparing import PreparedComparison, prepare
 from structsel.comparison.simulations import require_simulation
-from structsel.comparison.tolerances import Nuisance
 from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import make_findings

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from structsel.comparison.tolerances import Nuisance
+from structsel.comparison.nuisance import Nuisance
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.residuals import white_fraction
 from structsel.effects.base import ParameterEstimate

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from structsel.comparison.tolerances import Nuisance
+from structsel.comparison.nuisance import Nuisance
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import UNKNOWN_SAYS
 from structsel.diagnosis.exceeded import EVEN, ExceededTolerance, exceeded_as_recorded

@@ -20,7 +20,8 @@ from structsel.comparison.noise import (
     estimate_noise,
     side_by_side,
 )
-from structsel.comparison.tolerances import Nuisance, biases_of, tolerances_of
+from structsel.comparison.nuisance import Nuisance
+from structsel.comparison.tolerances import biases_of, tolerances_of
 from structsel.diagnosis.signatures import Signature
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array

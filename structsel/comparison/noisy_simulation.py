@@ -1,0 +1,59 @@
+"""Plants that are simulated from readings: what the noise of these does to the differences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from structsel.comparison.flight import Flight
+from structsel.comparison.nuisance import WITHIN_SAMPLE, Nuisance
+from structsel.nomenclature import COEFFICIENTS
+from structsel.numerics.arrays import Array
+from structsel.numerics.signal_quality import estimate_white_noise, smoothed
+
+_SLOWEST = 1.0 / 16.0  # of the shortest recording: width of the smoother beyond which a signal is no noise of readings
+
+
+def noisy_responses(nuisances: Sequence[Nuisance]) -> set[str]:
+    """Responses of a plant that are simulated from its recorded motion, with its noise."""
+    return {c for n in nuisances if n.ahead for one in n.columns for c in one if c not in COEFFICIENTS}
+
+
+def readings_columns(flights: Sequence[Flight], response: str) -> list[Nuisance]:
+    """Noise and timing of a channel that is simulated from readings.
+
+    The differences contain its noise with the opposite sign, and whatever smooths the simulation, such as a lag, would
+    explain it. They do not contain what is quick in a simulation without noise. What is derived from readings, as an
+    acceleration is, is of their time to a part of a sampling interval only.
+    """
+    noise = [estimate_white_noise(f.simulated[response]) for f in flights]
+    power = sum(float(x @ x) for x in noise)
+    product = sum(float(x @ estimate_white_noise(f.difference[response])) for f, x in zip(flights, noise))
+    successive = sum(float(x[1:] @ x[:-1]) for x in noise)
+    # Nearer to none of it than to all; or nearer to a quick signal, whose samples are alike, than to noise.
+    if not power or product > -0.5 * power or successive > 0.5 * power:
+        return []
+    quiet = [f.simulated[response] - x for f, x in zip(flights, noise)]
+    late = [{response: -f.rate(x)} for f, x in zip(flights, quiet)]
+    sd = WITHIN_SAMPLE * float(np.median([f.dt for f in flights]))
+    return [
+        Nuisance(f"{response}: noise", 1.0, "relative", [{response: x} for x in noise], 1.0, True, ahead=True),
+        Nuisance(f"{response}: late", sd, "s", late, sd, True, ahead=True),
+        *_coloured_noise(response, quiet),
+    ]
+
+
+def _coloured_noise(response: str, signals: Sequence[Array]) -> list[Nuisance]:
+    """Any part of a signal in bands of an octave: noise of readings is coloured where they are filtered or held.
+
+    Each band may be less in what was measured, but not later: a lag remains one.
+    """
+    shortest = min(map(len, signals))
+    made, width = [], 1.0
+    while width < _SLOWEST * shortest:
+        smooth = [smoothed(x, width) for x in signals]
+        band = [{response: x - y} for x, y in zip(signals, smooth)]
+        made.append(Nuisance(f"{response}: noise of {width:g} samples", 1.0, "relative", band, 1.0, True, ahead=True))
+        signals, width = smooth, 2.0 * width
+    return made
