@@ -6,6 +6,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from structsel.comparison.causal_rows import CausalRows
+from structsel.comparison.noisy_simulation import noises_of_readings
 from structsel.comparison.preparing import prepare
 from structsel.comparison.tolerances import tolerances_of
 from structsel.diagnosis import diagnose
@@ -160,8 +161,11 @@ def test_only_coefficients_need_the_file_of_an_aircraft():
         prepare(simulated, complete, None)
 
 
-def over_ground(wind, seed=0, runs=4, n=400, dt=0.02):
-    """Velocity over the ground in turns; stated in still air from an airspeed that is filtered, held and noisy."""
+def over_ground(wind, seed=0, runs=4, n=400, dt=0.02, shaken=0.0):
+    """Velocity over the ground in turns; stated in still air from an airspeed that is filtered, held and noisy.
+
+    Quick motion to the east is in what is stated as well.
+    """
     rng = np.random.default_rng(seed)
     recordings, simulated = [], {}
     t = dt * np.arange(n)
@@ -172,8 +176,9 @@ def over_ground(wind, seed=0, runs=4, n=400, dt=0.02):
         noise = lfilter([0.3], [1.0, -0.9], rng.standard_normal(n))
         read = np.repeat((speed + noise)[::5], 5)[:n] + 0.02 * rng.standard_normal(n)
         vn, ve = speed * along + np.array(wind)[:, None] + 0.05 * rng.standard_normal((2, n))
-        recordings.append(Recording(f"run {k}", t, {"V": read, "psi": heading, "vn": vn, "ve": ve}))
-        simulated[f"run {k}"] = Recording(f"run {k}", t, {"vn": read * along[0], "ve": read * along[1]})
+        quick = shaken * rng.standard_normal(n)
+        recordings.append(Recording(f"run {k}", t, {"V": read, "psi": heading, "vn": vn, "ve": ve + quick}))
+        simulated[f"run {k}"] = Recording(f"run {k}", t, {"vn": read * along[0], "ve": read * along[1] + quick})
     return simulated, recordings
 
 
@@ -190,6 +195,16 @@ def test_a_steady_wind_is_found_with_coloured_noise_of_the_airspeed(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_coloured_noise_of_an_airspeed_is_no_mismatch(seed):
     assert diagnose(*over_ground((0.0, 0.0), seed)).verdict == "consistent"
+
+
+def test_readings_whose_noise_shows_in_one_velocity_are_those_of_the_other():
+    # Of the white part to the east a fifth is noise of the airspeed; the rest was flown.
+    simulated, recordings = over_ground((2.0, -5.0), shaken=0.1)
+    flights = prepare(simulated, recordings, None).flights
+    east = {name: Recording(name, r.t, {"ve": r["ve"]}) for name, r in simulated.items()}
+    alone = prepare(east, recordings, None).flights
+    assert set(noises_of_readings(flights)) == {"vn", "ve"}
+    assert not noises_of_readings(alone)
 
 
 def test_a_simulation_of_air_data_without_accelerations_states_channels():

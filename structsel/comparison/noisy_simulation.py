@@ -20,20 +20,31 @@ def noisy_responses(nuisances: Sequence[Nuisance]) -> set[str]:
     return {c for n in nuisances if n.ahead for one in n.columns for c in one if c not in COEFFICIENTS}
 
 
-def readings_columns(flights: Sequence[Flight], response: str) -> list[Nuisance]:
+def noises_of_readings(flights: Sequence[Flight]) -> dict[str, list[Array]]:
+    """White noise in each flight of the channels that are simulated from readings.
+
+    The measured channel does not have it: more than half of it is missing there, or more than half on average over the
+    simulated channels, since they come of the same readings. A quick signal, whose samples are alike, is no noise.
+    """
+    noises, missing = {}, {}
+    for response in (c for c in flights[0].simulated if c not in COEFFICIENTS):
+        noise = [estimate_white_noise(f.simulated[response]) for f in flights]
+        power = sum(float(x @ x) for x in noise)
+        product = sum(float(x @ estimate_white_noise(f.difference[response])) for f, x in zip(flights, noise))
+        successive = sum(float(x[1:] @ x[:-1]) for x in noise)
+        if power and successive <= 0.5 * power:
+            noises[response], missing[response] = noise, float(np.clip(-product / power, 0.0, 1.0))
+    together = float(np.mean([*missing.values()])) if missing else 0.0
+    return {c: x for c, x in noises.items() if max(missing[c], together) >= 0.5}
+
+
+def readings_columns(flights: Sequence[Flight], response: str, noise: Sequence[Array]) -> list[Nuisance]:
     """Noise and timing of a channel that is simulated from readings.
 
     The differences contain its noise with the opposite sign, and whatever smooths the simulation, such as a lag, would
     explain it. They do not contain what is quick in a simulation without noise. What is derived from readings, as an
     acceleration is, is of their time to a part of a sampling interval only.
     """
-    noise = [estimate_white_noise(f.simulated[response]) for f in flights]
-    power = sum(float(x @ x) for x in noise)
-    product = sum(float(x @ estimate_white_noise(f.difference[response])) for f, x in zip(flights, noise))
-    successive = sum(float(x[1:] @ x[:-1]) for x in noise)
-    # Nearer to none of it than to all; or nearer to a quick signal, whose samples are alike, than to noise.
-    if not power or product > -0.5 * power or successive > 0.5 * power:
-        return []
     quiet = [f.simulated[response] - x for f, x in zip(flights, noise)]
     late = [{response: -f.rate(x)} for f, x in zip(flights, quiet)]
     sd = WITHIN_SAMPLE * float(np.median([f.dt for f in flights]))

@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.aircraft import Tolerances
 from structsel.comparison.flight import Flight
-from structsel.comparison.noisy_simulation import readings_columns
+from structsel.comparison.noisy_simulation import noises_of_readings, readings_columns
 from structsel.comparison.nuisance import WITHIN_SAMPLE, Nuisance
 from structsel.comparison.parameter_columns import (
     accelerometer_moved,
@@ -89,12 +89,14 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         if sd > 0.0 and _acts(columns):
             made.append(Nuisance(name, sd, unit, columns, least, least > 0.0, effect, absent, ahead))
 
+    noises = noises_of_readings(flights)
     for response in first.simulated:
         if response not in COEFFICIENTS:
             wrong = {"scale": [f.simulated[response] for f in flights], **find_plant(flights, response).errors(flights)}
             for what, signals in wrong.items():
                 add(f"{response}: {what}", "main", "relative", [{response: x} for x in signals], "wrong-derivative")
-            made += readings_columns(flights, response)
+            if response in noises:
+                made += readings_columns(flights, response, noises[response])
             continue
         if first.surrogate is None:
             continue
