@@ -197,6 +197,32 @@ def test_coloured_noise_of_an_airspeed_is_no_mismatch(seed):
     assert diagnose(*over_ground((0.0, 0.0), seed)).verdict == "consistent"
 
 
+def held_airspeed(wind, seed, runs=4, n=500, dt=0.04):
+    """Airspeed that a pilot holds, read at 5 Hz in gusts; stated in still air from the velocity over the ground."""
+    rng = np.random.default_rng(seed)
+    recordings, simulated = [], {}
+    t = dt * np.arange(n)
+    for k in range(runs):
+        heading = 1.5 * k + 0.25 * np.cumsum(gaussian_filter1d(rng.standard_normal(n), 40.0))
+        gust = 3.0 * gaussian_filter1d(rng.standard_normal((2, n)), 30.0, axis=1)
+        speed = 12.0 + 0.3 * gaussian_filter1d(rng.standard_normal(n), 30.0)
+        vn, ve = speed * np.array([np.cos(heading), np.sin(heading)]) + np.array(wind)[:, None] + gust
+        read = np.interp(t, t[::5], (speed + 0.1 * rng.standard_normal(n))[::5])
+        recordings.append(Recording(f"run {k}", t, {"V": read, "psi": heading, "vn": vn, "ve": ve}))
+        simulated[f"run {k}"] = Recording(f"run {k}", t, {"V": np.hypot(vn, ve)})
+    return simulated, recordings
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_size_of_a_wind_does_not_rest_on_a_gain_far_beyond_its_tolerance(seed):
+    # The held airspeed hardly moves, the simulated one does: a gain of zero explains that as well as the wind.
+    wind = np.array([2.0, -5.0])
+    first = diagnose(*held_airspeed(wind, seed)).findings[0]
+    assert first.effect == "steady-wind"
+    found = np.array([first.physics[0].parameters[axis].value for axis in ("north", "east")])
+    assert abs(found @ wind / (wind @ wind) - 1.0) < 0.15
+
+
 def test_readings_whose_noise_shows_in_one_velocity_are_those_of_the_other():
     # Of the white part to the east a fifth is noise of the airspeed; the rest was flown.
     simulated, recordings = over_ground((2.0, -5.0), shaken=0.1)

@@ -1,4 +1,4 @@
-"""Plants that are simulated from readings: what the noise of these does to the differences."""
+"""Noise of readings in the differences, for plants that are simulated from readings."""
 
 from __future__ import annotations
 
@@ -42,15 +42,15 @@ def readings_columns(flights: Sequence[Flight], response: str, noise: Sequence[A
     """Noise and timing of a channel that is simulated from readings.
 
     The differences contain its noise with the opposite sign, and whatever smooths the simulation, such as a lag, would
-    explain it. They do not contain what is quick in a simulation without noise. What is derived from readings, as an
-    acceleration is, is of their time to a part of a sampling interval only.
+    explain it. They do not contain quick signals of a simulation without noise. An acceleration, which is derived from
+    readings, is of their time to a part of a sampling interval only.
     """
     quiet = [f.simulated[response] - x for f, x in zip(flights, noise)]
-    late = [{response: -f.rate(x)} for f, x in zip(flights, quiet)]
+    delayed = [{response: -f.rate(x)} for f, x in zip(flights, quiet)]
     sd = WITHIN_SAMPLE * float(np.median([f.dt for f in flights]))
     return [
         Nuisance(f"{response}: noise", 1.0, "relative", [{response: x} for x in noise], 1.0, True, ahead=True),
-        Nuisance(f"{response}: late", sd, "s", late, sd, True, ahead=True),
+        Nuisance(f"{response}: late", sd, "s", delayed, sd, True, ahead=True),
         *_coloured_noise(response, quiet),
     ]
 

@@ -32,7 +32,7 @@ class Nuisance:
     absent : str
         Name where it deviates by more than its own value, so that the simulation has nothing of the kind.
     ahead : bool
-        Whether its columns are made of samples of the motion that come later, as a rate is.
+        Whether its columns contain later samples of the motion, as a rate does.
     constant : bool
         Whether it is a constant error of an instrument.
     """

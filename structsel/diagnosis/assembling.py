@@ -193,7 +193,9 @@ def _axes(gained: Mapping[str, float], problem: DiagnosisProblem, member: Member
 def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, ...], tuple[str, ...]]:
     step = member.steps[0]
     hypothesis = step.score.hypothesis
-    fitted = [estimates(problem, k, s.score) for k, s in zip(member.places, member.steps)]
+    # Evidence of the level says nothing about gains: within their tolerances these would explain motion by the wind.
+    given = problem.as_given
+    fitted = [estimates(given if s.is_level else problem, k, s.score) for k, s in zip(member.places, member.steps)]
     sizes: dict[str, float] = {}
     says = joined(
         [hypothesis.says(FittedEffect(problem.accepted[k].variant, e, sizes)) for k, e in zip(member.places, fitted)]

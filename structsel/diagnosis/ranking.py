@@ -51,6 +51,8 @@ class Step:
         All candidate effects, the most probable first.
     constant : bool
         Whether it explains more of the constant part of the flights than of the rest.
+    is_level : bool
+        Whether it is moving air that explains the level of a plant's velocities.
     """
 
     score: EffectScore
@@ -58,6 +60,7 @@ class Step:
     problem: DiagnosisProblem
     others: tuple[EffectScore, ...] = ()
     constant: bool = False
+    is_level: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +155,8 @@ def rank(
             break
         best = candidates[0]
         problem = problem.with_effects([*problem.accepted, best.score.signature], library.signatures)
-        steps.append(Step(best.score, alternatives, problem, tuple(w.score for w in candidates), best.constant))
+        others = tuple(w.score for w in candidates)
+        steps.append(Step(best.score, alternatives, problem, others, best.constant, best.is_level))
     tell("ranking", MAX_EFFECTS, MAX_EFFECTS)
     others = tuple(w.score for w in asked)
     return Ranking(start, tuple(steps), tuple(scores), motion, considered, others, seen)
