@@ -480,26 +480,46 @@ def uav_wind() -> Case:
     return Case("wind", uav_model(), records, uav_aircraft(), frozenset(["steady-wind"]))
 
 
+def in_still_air(record: Recording) -> dict[str, Array]:
+    """Velocity over the ground from airspeed and attitude; along the body axis x where no flow angle is recorded."""
+    alpha, beta = (record[c] if c in record.names else 0.0 * record["V"] for c in ("alpha", "beta"))
+    body = np.column_stack(body_velocity(record["V"], alpha, beta))
+    earth = np.einsum("nij,nj->in", body_to_earth(record["phi"], record["theta"], record["psi"]), body)
+    return dict(zip(("vn", "ve", "vd"), earth))
+
+
+def speed_over_ground(record: Recording) -> dict[str, Array]:
+    """Airspeed in still air."""
+    return {"V": np.sqrt(record["vn"] ** 2 + record["ve"] ** 2 + record["vd"] ** 2)}
+
+
+def mean_difference(records: Sequence[Recording], stated: Mapping[str, Mapping[str, Array]]) -> dict[str, float]:
+    """Mean over all recordings of each stated channel, as measured less as stated."""
+    channels = stated[records[0].name]
+    return {c: float(np.concatenate([r[c] - stated[r.name][c] for r in records]).mean()) for c in channels}
+
+
+def moved(stated: Mapping[str, Mapping[str, Array]], by: Mapping[str, float]) -> dict[str, dict[str, Array]]:
+    """Stated channels with a constant added to each."""
+    return {name: {c: x + by[c] for c, x in one.items()} for name, one in stated.items()}
+
+
+def as_simulation(records: Sequence[Recording], stated: Mapping[str, Mapping[str, Array]]) -> dict[str, Recording]:
+    """Stated velocities as the simulation of recordings."""
+    return {r.name: Recording(r.name, r.t, stated[r.name], dict.fromkeys(stated[r.name], "m/s")) for r in records}
+
+
 def uav_still_air(manoeuvres: Sequence[str], over_ground: bool, airspeed: bool = False) -> Case:
     """Velocity over the ground from air data and attitude, or airspeed from that velocity, as if no wind blew.
 
     Or with the mean wind of the day added, which leaves a correct simulation.
     """
     records = without([uav_record(m) for m in manoeuvres], "thrust")  # computed from the airspeed
-    if airspeed:
-        said = {r.name: {"V": np.sqrt(r["vn"] ** 2 + r["ve"] ** 2 + r["vd"] ** 2)} for r in records}
-    else:
-        said = {}
-        for r in records:
-            body = np.column_stack(body_velocity(r["V"], r["alpha"], r["beta"]))
-            earth = np.einsum("nij,nj->in", body_to_earth(r["phi"], r["theta"], r["psi"]), body)
-            said[r.name] = dict(zip(("vn", "ve", "vd"), earth))
-        if over_ground:
-            wind = {c: np.concatenate([r[c] - said[r.name][c] for r in records]).mean() for c in ("vn", "ve", "vd")}
-            said = {name: {c: x + wind[c] for c, x in one.items()} for name, one in said.items()}
-    simulated = {r.name: Recording(r.name, r.t, said[r.name], dict.fromkeys(said[r.name], "m/s")) for r in records}
+    said = {r.name: speed_over_ground(r) if airspeed else in_still_air(r) for r in records}
+    if over_ground:
+        said = moved(said, mean_difference(records, said))
     accept = frozenset() if over_ground else frozenset(["steady-wind"])
-    return Case("nothing" if over_ground else "wind", simulated, records, uav_aircraft(), accept)
+    return Case("nothing" if over_ground else "wind", as_simulation(records, said), records, uav_aircraft(), accept)
 
 
 def uav_ground() -> Case:

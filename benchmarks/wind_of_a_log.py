@@ -14,10 +14,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from real_recordings import as_simulation, in_still_air, mean_difference, moved, speed_over_ground
 
 import structsel as ss
-from structsel.numerics.air_data import body_to_earth
-from structsel.numerics.arrays import Array
 from structsel.recording import Recording
 
 CHANNELS = ("p", "q", "r", "ax", "ay", "az", "phi", "theta", "psi", "V", "vn", "ve", "vd")
@@ -38,27 +37,16 @@ def flown(log: Recording, seconds: float, least: float) -> list[Recording]:
     return parts
 
 
-def in_still_air(part: Recording) -> dict[str, Array]:
-    """Velocity over the ground, north and east."""
-    along = np.column_stack([part["V"], 0.0 * part["V"], 0.0 * part["V"]])
-    north, east, _ = np.einsum("nij,nj->in", body_to_earth(part["phi"], part["theta"], part["psi"]), along)
-    return {"vn": north, "ve": east}
-
-
-def simulations(parts: list[Recording]) -> dict[str, Mapping[str, Recording]]:
-    """Three simulations: of the velocity over the ground, of the airspeed, and the first with the mean wind."""
-    still = {r.name: in_still_air(r) for r in parts}
-    wind = {c: float(np.mean(np.concatenate([r[c] - still[r.name][c] for r in parts]))) for c in GROUND}
-    print(f"mean difference: {wind['vn']:.1f} m/s north, {wind['ve']:.1f} m/s east")
+def simulations(parts: list[Recording]) -> tuple[dict[str, Mapping[str, Recording]], dict[str, float]]:
+    """Simulations of the velocity over the ground, of the airspeed, and of the first in the mean wind; that wind."""
+    still = {r.name: {c: x for c, x in in_still_air(r).items() if c in GROUND} for r in parts}
+    wind = mean_difference(parts, still)
     made = {
         "velocity over the ground": still,
-        "airspeed": {r.name: {"V": np.sqrt(sum(r[c] ** 2 for c in (*GROUND, "vd")))} for r in parts},
-        "with the mean wind": {name: {c: x + wind[c] for c, x in one.items()} for name, one in still.items()},
+        "airspeed": {r.name: speed_over_ground(r) for r in parts},
+        "with the mean wind": moved(still, wind),
     }
-    return {
-        what: {r.name: Recording(r.name, r.t, each[r.name], dict.fromkeys(each[r.name], "m/s")) for r in parts}
-        for what, each in made.items()
-    }
+    return {what: as_simulation(parts, each) for what, each in made.items()}, wind
 
 
 def main() -> None:
@@ -74,7 +62,9 @@ def main() -> None:
     for start in range(0, len(parts) - stated.group + 1, stated.group):
         chosen = parts[start : start + stated.group]
         print(f"{chosen[0].name} to {chosen[-1].name}, {chosen[0].t[0]:.0f} to {chosen[-1].t[-1]:.0f} s")
-        for what, simulated in simulations(chosen).items():
+        stated_by, wind = simulations(chosen)
+        print(f"mean difference: {wind['vn']:.1f} m/s north, {wind['ve']:.1f} m/s east")
+        for what, simulated in stated_by.items():
             began = time.process_time()
             found = ss.diagnose(simulated, chosen)
             taken = time.process_time() - began

@@ -6,7 +6,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from structsel.comparison.causal_rows import CausalRows
-from structsel.comparison.noisy_simulation import noises_of_readings
+from structsel.comparison.noisy_simulation import simulated_noise
 from structsel.comparison.preparing import prepare
 from structsel.comparison.tolerances import tolerances_of
 from structsel.diagnosis import diagnose
@@ -229,8 +229,8 @@ def test_readings_whose_noise_shows_in_one_velocity_are_those_of_the_other():
     flights = prepare(simulated, recordings, None).flights
     east = {name: Recording(name, r.t, {"ve": r["ve"]}) for name, r in simulated.items()}
     alone = prepare(east, recordings, None).flights
-    assert set(noises_of_readings(flights)) == {"vn", "ve"}
-    assert not noises_of_readings(alone)
+    assert set(simulated_noise(flights)) == {"vn", "ve"}
+    assert not simulated_noise(alone)
 
 
 def test_a_simulation_of_air_data_without_accelerations_states_channels():

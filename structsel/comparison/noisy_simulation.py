@@ -20,7 +20,7 @@ def noisy_responses(nuisances: Sequence[Nuisance]) -> set[str]:
     return {c for n in nuisances if n.ahead for one in n.columns for c in one if c not in COEFFICIENTS}
 
 
-def noises_of_readings(flights: Sequence[Flight]) -> dict[str, list[Array]]:
+def simulated_noise(flights: Sequence[Flight]) -> dict[str, list[Array]]:
     """White noise in each flight of the channels that are simulated from readings.
 
     The measured channel does not have it: more than half of it is missing there, or more than half on average over the

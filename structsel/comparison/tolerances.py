@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.aircraft import Tolerances
 from structsel.comparison.flight import Flight
-from structsel.comparison.noisy_simulation import noises_of_readings, readings_columns
+from structsel.comparison.noisy_simulation import readings_columns, simulated_noise
 from structsel.comparison.nuisance import WITHIN_SAMPLE, Nuisance
 from structsel.comparison.parameter_columns import (
     accelerometer_moved,
@@ -89,7 +89,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         if sd > 0.0 and _acts(columns):
             made.append(Nuisance(name, sd, unit, columns, least, least > 0.0, effect, absent, ahead))
 
-    noises = noises_of_readings(flights)
+    noises = simulated_noise(flights)
     for response in first.simulated:
         if response not in COEFFICIENTS:
             wrong = {"scale": [f.simulated[response] for f in flights], **find_plant(flights, response).errors(flights)}

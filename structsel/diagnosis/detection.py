@@ -226,7 +226,7 @@ def detect_in_averages(problem: DiagnosisProblem) -> Detection | None:
     Turbulence, and noise that lasts, move the aircraft: functions of the recorded motion then explain differences that
     they do not cause. Averages over longer times have little of that.
     """
-    if not set(problem.judged_responses) & set(COEFFICIENTS):
+    if problem.is_plant:
         return None
     seen = exceeded_in_averages(problem)
     if not seen.tolerances:

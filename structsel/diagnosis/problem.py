@@ -100,6 +100,11 @@ class DiagnosisProblem:
         return aerodynamic or [c for c in self.responses if c in self.flights[0].simulated]
 
     @property
+    def is_plant(self) -> bool:
+        """Whether no coefficient is simulated."""
+        return not set(self.responses) & set(COEFFICIENTS)
+
+    @property
     def deviations(self) -> tuple[Array, Array]:
         """Deviation of each parameter from its stated value, and its standard error, (k,) each [stated tolerances]."""
         k = len(self.nuisances)

@@ -79,7 +79,7 @@ def _size(problem: DiagnosisProblem, signature: Signature, theta: np.ndarray) ->
     """Rms of an effect over the measured rms, in the coefficient where it is largest."""
     best = 0.0
     for c in problem.responses:
-        if c not in COEFFICIENTS and set(problem.responses) & set(COEFFICIENTS):
+        if c not in COEFFICIENTS and not problem.is_plant:
             continue
         up = down = 0.0
         for f, spectra in zip(problem.flights, signature.spectra):

@@ -13,7 +13,6 @@ from structsel.diagnosis.explained import SLIGHT, Taken, explained_fraction, fra
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.size_evidence import agreed, beyond_form, beyond_plant_form
-from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _CONFIRMED = 1.5  # log Bayes factor that counts at most, over that on the response to the inputs
@@ -263,8 +262,7 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
     scores : sequence of EffectScore
         Of all effects.
     """
-    is_plant = not set(problem.judged_responses) & set(COEFFICIENTS)
-    kept, alternatives = _admissible(problem, scores, is_plant)
+    kept, alternatives = _admissible(problem, scores)
     made = []
     for one, taken, gain, of_plant in kept:
         as_given = max(0.0, ahead_of(one, alternatives, log_bayes_as_given)) * np.log1p(
@@ -290,12 +288,13 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
         identified = problem.flights[0].is_identified
         lowers = gain >= _LOWERS or taken.judged_there >= _THERE
         x = np.array(values, dtype=float)
-        made.append(CandidateEffect(one, x, max_log_odds, lowers, gain, identified, min(of_form, of_plant), is_plant))
+        of_form = min(of_form, of_plant)
+        made.append(CandidateEffect(one, x, max_log_odds, lowers, gain, identified, of_form, problem.is_plant))
     return made
 
 
 def _admissible(
-    problem: DiagnosisProblem, scores: Sequence[EffectScore], is_plant: bool
+    problem: DiagnosisProblem, scores: Sequence[EffectScore]
 ) -> tuple[list[tuple[EffectScore, Taken, float, float]], list[EffectScore]]:
     """Candidate effects, with what each explains and how far it decreases the error; and all alternatives.
 
@@ -320,7 +319,7 @@ def _admissible(
             if degrades > _DEGRADES:
                 alternatives.remove(one)
             else:
-                of_plant = beyond_plant_form(plain, before, after) if is_plant else np.inf
+                of_plant = beyond_plant_form(plain, before, after) if problem.is_plant else np.inf
                 kept.append((one, taken, max(gain, 0.0), of_plant))
     return kept, alternatives
 

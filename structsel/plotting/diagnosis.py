@@ -176,9 +176,10 @@ def plot_error_by_stage(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes
     bars = _finding(diagnosis, -1).bars
     ax = get_axes(ax)
     names = list(bars)
-    for k, stage in enumerate(shown_stages(diagnosis)):
+    stages = shown_stages(diagnosis)
+    for k, stage in enumerate(stages):
         heights = [getattr(bars[c], stage).rrmse for c in names]
-        at = np.arange(len(names)) + (k - 1) * _BAR
+        at = np.arange(len(names)) + (k - 0.5 * (len(stages) - 1)) * _BAR
         drawn = ax.bar(at, heights, 0.9 * _BAR, color=_COLOURS[stage], label=_STAGES[stage])
         ax.bar_label(drawn, [format_decimals(h, 2) for h in heights], fontsize="xx-small", padding=1)
     ax.set_xticks(np.arange(len(names)), [symbol(c) for c in names])
