@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from structsel.effects.actuators import EFFECTS
 from structsel.simulation import Actuator
-from tests.effect_fits import best, effect_named, explain, fitted_effect
+from tests.effect_fits import best, effect_named, fitted_effect
 from tests.exact_flights import aerodynamics, compare, fly
 
 
@@ -79,21 +79,6 @@ def test_a_pitch_damper_nobody_recorded_is_found_with_its_gain():
     assert "q" in found.variant.about
     assert found.explained > 0.99
     assert_allclose(found.values["gain of q"], 0.2, rtol=0.02)
-
-
-def test_a_damper_that_was_on_in_some_manoeuvres_only_is_confined_to_those():
-    damped = compare(fly(aerodynamics({"CZ": {"q": -0.4 * 0.2}, "Cm": {"q": -1.92 * 0.2}})))
-    flights = [replace(f, name=f"{f.name} {k}") for k, flights in enumerate((damped, compare(fly()))) for f in flights]
-    variants = [v for v in effect_named("augmentation").variants(flights) if v.about == "q to elevator"]
-    (always,), (some,) = ([v for v in variants if bool(v.only_in) is chosen] for chosen in (False, True))
-    assert some.only_in == ("m0 0", "m1 0")
-    assert [bool(some.columns(f)) for f in flights] == [True, True, False, False]
-    assert explain(flights, some).explained > 0.99 > explain(flights, always).explained
-    assert_allclose(explain(flights, some).values["gain of q"], 0.2, rtol=0.02)
-    hypothesis = effect_named("augmentation")
-    assert "(q to elevator), in m0 0, m1 0 only: gain" in hypothesis.says(fitted_effect(some, {"gain of q": 0.2}))
-    # On in all, there is nothing to confine.
-    assert not any(v.only_in for v in hypothesis.variants(damped) if v.about == "q to elevator")
 
 
 def test_the_sentence_of_a_rate_limit_has_no_standard_error_of_a_rate_that_was_tried():

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from structsel.diagnosis.assembling import found_by
 from structsel.diagnosis.scoring import judged_by, score_all
-from structsel.effects.changes import ChangeSearch
 from structsel.recording import Recording
 from tests.effect_fits import best, check_all, effect_named
 from tests.noisy_flights import AIRCRAFT, T, flights_with, fly, ready, tried
+from tests.switched_forms import refined, sizes
 
 CONFIGURATION, ICE, RELEASE = (effect_named(e) for e in ("configuration-change", "icing", "store-release"))
 
@@ -35,11 +36,11 @@ def test_a_flap_without_a_channel_is_found_with_its_times():
     flights = ready(without(recordings, "cfg"), stated)
     assert CONFIGURATION.needs(flights) == ""
     assert CONFIGURATION.event
-    variant, theta, fraction = best(flights, CONFIGURATION, ["CZ", "CX", "Cm"])
-    assert fraction > 0.9
-    assert_allclose([variant.shape["time in m01"], variant.shape["time in m02"]], starts, atol=0.6)
+    _, score = refined(flights, "configuration-change")
+    shape, theta = score.signature.variant.shape, sizes(score)
+    assert_allclose([shape["time in m01"], shape["time in m02"]], starts, atol=0.1)
+    assert shape["duration"] == 2.5
     assert_allclose([theta["lift"], theta["drag"], theta["pitching moment"]], [0.10, 0.02, -0.03], rtol=0.12)
-    check_all(flights, CONFIGURATION)
 
 
 def test_a_change_of_the_same_proportions_is_found_beside_a_larger_one():
@@ -49,16 +50,10 @@ def test_a_change_of_the_same_proportions_is_found_beside_a_larger_one():
     for f, at in zip(flights, times):
         measured = {c: f.measured[c] + size * (at <= T) for c, size in added.items()}
         changed.append(replace(f, measured={**f.measured, **measured}))
-    last = changed[-1]
-    other = {"CX": 0.02, "CZ": 0.06, "Cm": 0.012}
-    larger = {c: last.measured[c] + size * (T >= 15.0) for c, size in other.items()}
-    changed[-1] = replace(last, measured={**last.measured, **larger})
-    search = ChangeSearch.of(changed, tuple(added))
-    found = search.find(each=1)
-    assert next(c.start for c in found if c.flight == "m03") == pytest.approx(15.0, abs=0.1)
-    events = search.together(found, both_signs=False)
-    starts = {c.flight: c.start for c in events[-1][0]}
-    assert [starts[f.name] for f in flights] == pytest.approx(times, abs=0.1)
+    larger = {c: changed[-1].measured[c] + 2.0 * x * (T >= 16.0) for c, x in {"Cl": 0.004, "Cn": 0.002}.items()}
+    changed[-1] = replace(changed[-1], measured={**changed[-1].measured, **larger})
+    _, score = refined(changed, "configuration-change")
+    assert [score.signature.variant.shape[f"time in {f.name}"] for f in flights] == pytest.approx(times, abs=0.1)
 
 
 def test_a_flap_that_is_recorded_is_found_as_its_channel():
@@ -76,7 +71,7 @@ def test_a_change_is_an_event_only_at_times_that_were_searched():
     moved = {"df": lambda k: 0.3 * np.clip((T - 9.0 - 2.0 * k) / 3.0, 0.0, 1.0)}
     recordings, stated = fly({**lift_and_drag(0.5, 0.1, "df"), "Cm": {"df": -0.1}}, **moved)
     for seen, is_event in ((recordings, False), (without(recordings, "df"), True)):
-        (score,) = score_all(*tried(ready(seen, stated), "configuration-change"))
+        _, score = refined(ready(seen, stated), "configuration-change")
         assert score.event is is_event
     flights = ready(recordings, stated)
     (ice,) = score_all(*tried(flights, "icing"))
@@ -121,18 +116,19 @@ def test_a_load_let_go_is_found_with_its_mass_and_time():
     flights = ready(without(recordings, "mass", "gone"), stated)
     assert RELEASE.needs(flights) == ""
     assert RELEASE.event
-    variant, theta, fraction = best(flights, RELEASE, ["CZ", "CX"])
-    assert fraction > 0.9
-    assert_allclose([variant.shape["time in m01"], variant.shape["time in m02"]], starts, atol=0.3)
+    _, score = refined(flights, "store-release")
+    shape, theta = score.signature.variant.shape, sizes(score)
+    assert_allclose([shape["time in m01"], shape["time in m02"]], starts, atol=0.1)
     assert_allclose(theta["mass"], 1.0 / 0.92 - 1.0, rtol=0.05)
     assert_allclose(theta["drag"], 0.006, rtol=0.2)
-    check_all(flights, RELEASE)
 
 
 def test_sentences_name_time_and_size():
     starts = (9.0, 11.0)
-    recordings, stated = fly({"CZ": {"cfg": -0.2}}, speeds=(45.0,), cfg=lambda k: (starts[k] <= T).astype(float))
+    recordings, stated = fly(lift_and_drag(0.05, 0.01, "cfg"), cfg=lambda k: (starts[k] <= T).astype(float))
     flights = ready(without(recordings, "cfg"), stated)
-    variant = CONFIGURATION.variants(flights)[0]
-    assert variant.about.startswith("m01 at ")
-    assert variant.about.endswith("at once")
+    _, score = refined(flights, "configuration-change")
+    found = found_by(score)
+    assert CONFIGURATION.says(found).startswith(
+        "The configuration changed, unrecorded, in 'm01' from 9.0 s, 'm02' from 11.0 s: lift coefficient by 0.0499 "
+    )

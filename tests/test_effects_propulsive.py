@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from structsel.effects.changes import steps
 from structsel.effects.propulsive import EFFECTS
 from structsel.recording import Recording
 from structsel.simulation import Actuator
@@ -85,28 +84,6 @@ def test_a_rotor_missing_from_the_simulation_is_found_with_its_angular_momentum(
     assert_allclose(value * next(iter(turns.values())), 500.0, rtol=0.03)
 
 
-def test_one_engine_that_fails_is_found_at_its_time():
-    # From 12 s on in the second manoeuvre half the thrust acts 1 m to the right: a yawing moment to the left.
-    flights = compare(fly())
-    second = flights[1]
-    failed = np.where(second.t >= 12.0, 0.5 * second["CT"] / AIRCRAFT.b, 0.0)
-    second.measured["Cn"][:] = second.simulated["Cn"] - failed
-    found = best(flights, effect_named("asymmetric-thrust"))
-    assert "'m1'" in found.variant.about
-    assert_allclose(found.variant.shape["time in m1"], 12.0, atol=0.2)
-    assert_allclose(found.values["offset"], 0.5, rtol=0.1)
-
-
-def test_an_engine_that_fails_in_two_manoeuvres_is_one_effect():
-    flights = compare(fly())
-    for f, when in zip(flights, (8.0, 12.0)):
-        f.measured["Cn"][:] = f.simulated["Cn"] - np.where(f.t >= when, 0.5 * f["CT"] / AIRCRAFT.b, 0.0)
-    found = best(flights, effect_named("asymmetric-thrust"))
-    times = [found.variant.shape[f"time in {f.name}"] for f in flights[:2]]
-    assert_allclose(times, (8.0, 12.0), atol=0.2)
-    assert_allclose(found.values["offset"], 0.5, rtol=0.1)
-
-
 def test_a_constant_thrust_gives_no_finding():
     recordings = [Recording(r.name, r.t, {c: r[c] for c in r.names if c not in ("t", "thrust")}) for r in fly()]
     still = compare(recordings)
@@ -123,14 +100,3 @@ def test_terms_of_a_thrust_that_hardly_changes_are_derivatives(change, told):
         flights.append(replace(f, channels={**f.channels, "thrust": thrust}))
     for name in ("slipstream", "propeller-normal-force"):
         assert (effect_named(name).needs(flights) == "") is told
-
-
-def test_the_time_of_a_step_is_sought_in_what_it_multiplies():
-    # Half the thrust is lost on one side at 8 s, and the throttle is closed at 14 s: what is seen is a pulse.
-    flight = compare(fly())[0]
-    thrust = np.where(flight.t < 14.0, 1.0, 0.1)
-    flight.measured["Cn"][:] = flight.simulated["Cn"] - np.where(flight.t >= 8.0, 0.002 * thrust, 0.0)
-    ((multiplied,), _), *_ = steps([flight], ("Cn",), lambda f: thrust)
-    ((plain,), _), *_ = steps([flight], ("Cn",), lambda f: np.ones(len(f)))
-    assert_allclose(multiplied.start, 8.0, atol=0.03)  # to the sample
-    assert multiplied.gain > 2.0 * plain.gain

@@ -72,7 +72,7 @@ def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str
         grid = np.unique(values)
         near = np.abs(grid - float(value))
         step = float(np.min(near[near > 0.0])) if np.any(near > 0.0) else 0.0
-        known = float(np.sqrt(weights @ (values - centre) ** 2 + step**2 / 12.0))
+        known = float(np.sqrt(weights @ (values - centre) ** 2 + step**2 / 12.0 + variant.spread.get(name, 0.0) ** 2))
         made[name] = ParameterEstimate(centre, _BEYOND * known, variant.units.get(name, "-"))
     return made
 
@@ -84,7 +84,10 @@ def found_by(score: EffectScore) -> FittedEffect:
     made = {
         p.name: p.estimate(float(m * p.sd), float(s * p.sd)) for p, m, s in zip(variant.parameters, trial.theta, std)
     }
-    made |= {n: ParameterEstimate(float(v), 0.0, variant.units.get(n, "-")) for n, v in variant.shape.items()}
+    made |= {
+        n: ParameterEstimate(float(v), variant.spread.get(n, 0.0), variant.units.get(n, "-"))
+        for n, v in variant.shape.items()
+    }
     return FittedEffect(variant, made, {})
 
 

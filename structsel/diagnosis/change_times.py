@@ -11,12 +11,13 @@ import scipy
 from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.flight import Flight
 from structsel.diagnosis.event import Event
-from structsel.effects.changes import ChangeSearch
+from structsel.effects.changes import Sought
 from structsel.numerics.arrays import Array
 
 _SIZES = np.geomspace(0.02, 2.0, 5)  # of an event, relative to the rms variation of the simulated response
 _SHAPES = ("step", "pulse", "pulse", "ramp")
 _EVERY = 1.0  # s, between the times at which events are sought
+_BLOCK = 0.2  # of a plant's own time, over which differences are averaged
 _UNITS = 80.0  # of a plant's own time, that a recording lasts
 
 
@@ -89,15 +90,17 @@ def _likeliest_steps(flight: Flight, response: str, size: float) -> list[_Sought
     own = replace(flight, t=np.linspace(0.0, _UNITS, len(flight)), dt=_UNITS / (len(flight) - 1))
     made = []
     for of, course in (("level", np.full(len(flight), size)), ("gain", flight.simulated[response])):
-        search = ChangeSearch.of([own], [response], lambda f, x=course: x)  # type: ignore[misc]
-        ((coarse, _),) = search.manoeuvres
+        coarse, fine = (
+            Sought.of([own], [response], [], step, lambda f, x=course: x)  # type: ignore[misc]
+            for step in (max(1, round(_BLOCK / own.dt)), 1)
+        )
         starts = coarse.starts(0.0)
-        found = search.find(each=1)
-        if not found:
+        if not len(starts):
             continue
         sizes, norm = coarse.fitted(starts, 0.0)
         weight = scipy.special.softmax(coarse.gains(sizes**2 * norm[:, None]))
-        unit, (change,) = flight.dt / own.dt, found
+        nearby = fine.t[np.abs(fine.t - starts[np.argmax(weight)]) <= _BLOCK]
+        unit, (change,) = flight.dt / own.dt, fine.best(nearby, 0.0, 1)
         std = max(unit * float(np.sqrt(weight @ (starts - change.start) ** 2)), flight.dt)
         made.append(_SoughtStep(of, course * change.along(own), unit * change.start, std, len(starts)))
     return made

@@ -14,9 +14,11 @@ from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import bins_of, edge_of
 from structsel.comparison.preparing import prepare
+from structsel.comparison.tolerances import tolerances_of
 from structsel.diagnosis.diagnose import but_without, split_flight
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.signatures import Library, work_out
+from structsel.diagnosis.switching import with_proposals
 from structsel.effects import EFFECTS, Effect
 from structsel.errors import DataError
 from structsel.numerics.arrays import Array
@@ -102,7 +104,8 @@ class EffectComparison:
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1):
-            return work_out(self._effects, self._parts, self.responses)
+            library = work_out(self._effects, self._parts, self.responses)
+            return with_proposals(library, self._parts, tolerances_of(self._parts))
 
     def log_bayes_factor(
         self, contribution: Mapping[str, Mapping[str, tuple[Array, Array]]], responses: Sequence[str] | None = None

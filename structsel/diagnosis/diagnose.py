@@ -23,6 +23,7 @@ from structsel.comparison.locating.turbulence import (
 from structsel.comparison.nuisance import Nuisance
 from structsel.comparison.preparing import PreparedComparison, prepare
 from structsel.comparison.simulations import require_simulation
+from structsel.comparison.tolerances import tolerances_of
 from structsel.deprecation import renamed_arguments
 from structsel.diagnosis import judging
 from structsel.diagnosis.assembling import make_findings
@@ -37,6 +38,7 @@ from structsel.diagnosis.result import UNNAMED, Diagnosis, ToleranceDeviation, V
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.selftest import self_test
 from structsel.diagnosis.signatures import Library, work_out
+from structsel.diagnosis.switching import with_proposals
 from structsel.diagnosis.tracing import traces_of
 from structsel.diagnosis.unattributed import detected, find_unknown, turbulent
 from structsel.diagnosis.uncertain_names import less_probable, without_names
@@ -235,8 +237,9 @@ def set_up(
     """Problem of the flights or of the parts of a single one, the effects to test, and the turbulence."""
     parts = split_flight(flights[0]) if len(flights) == 1 else list(flights)
     groups = _groups([f.name for f in parts], held_out)
-    library = work_out(effects, parts, parts[0].responses, progress)
-    problem = DiagnosisProblem.set_up(parts, library.signatures, groups)
+    tolerances = tolerances_of(parts)
+    library = with_proposals(work_out(effects, parts, parts[0].responses, progress), parts, tolerances)
+    problem = DiagnosisProblem.set_up(parts, library.signatures, groups, tolerances)
     return problem, library, find_turbulence(parts, residuals(problem))
 
 

@@ -71,6 +71,7 @@ class DiagnosisProblem:
         flights: Sequence[Flight],
         library: Sequence[Signature],
         groups: Sequence[tuple[int, ...]] | None = None,
+        tolerances: Sequence[Nuisance] = (),
     ) -> DiagnosisProblem:
         """Problem of flights without effects in the model.
 
@@ -81,8 +82,10 @@ class DiagnosisProblem:
             Effects that may be in the differences: they must not be counted as noise.
         groups : sequence of tuple of int, optional
             Flights that are held out together; by default each in turn.
+        tolerances : sequence of Nuisance, optional
+            By default those of `tolerances_of`.
         """
-        nuisances = tolerances_of(flights)
+        nuisances = list(tolerances) or tolerances_of(flights)
         allowed: list[Spectra] = []
         own: list[Spectra] = []
         for i, f in enumerate(flights):
@@ -157,6 +160,10 @@ class DiagnosisProblem:
             products = [r.against(x, width, given) for r, x, given in zip(self.rows, spectra, self._sparse)]
             made |= zip(same, zip(*products))
         return self.base.try_each([made[k] for k in range(len(signatures))])
+
+    def products(self, m: int, several: Sequence[Spectra], width: int) -> list[Further]:
+        """Products of each of several spectra of flight m with its rows."""
+        return self.rows[m].against(several, width, self._sparse[m])
 
     @cached_property
     def _sparse(self) -> list[SparseRows]:

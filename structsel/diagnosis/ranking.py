@@ -15,6 +15,7 @@ from structsel.diagnosis.residuals import white_fraction
 from structsel.diagnosis.result import UNNAMED
 from structsel.diagnosis.scoring import EffectScore, score_all
 from structsel.diagnosis.signatures import Library
+from structsel.diagnosis.switching import refine, with_proposals
 from structsel.diagnosis.weighing import (
     CandidateEffect,
     candidate_effects,
@@ -138,7 +139,7 @@ def rank(
     seen: Detection | None = None
     while (k := len({s.score.effect for s in steps})) < MAX_EFFECTS and len(steps) < _MAX_PLACES:
         tell("ranking", k, MAX_EFFECTS)
-        scores = motion.confirm(problem, score_all(problem, library))
+        scores = motion.confirm(problem, refine(problem, score_all(problem, library)))
         candidates = candidate_effects(problem, scores)
         if steps:
             candidates = [one for one in candidates if one.lowers]
@@ -154,7 +155,9 @@ def rank(
             considered, asked = alternatives, candidates
             break
         best = candidates[0]
-        problem = problem.with_effects([*problem.accepted, best.score.signature], library.signatures)
+        accepted = [*problem.accepted, best.score.signature]
+        library = with_proposals(library, problem.flights, start.nuisances, accepted)
+        problem = problem.with_effects(accepted, library.signatures)
         others = tuple(w.score for w in candidates)
         steps.append(Step(best.score, alternatives, problem, others, best.constant, best.is_level))
     tell("ranking", MAX_EFFECTS, MAX_EFFECTS)

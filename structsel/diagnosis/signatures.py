@@ -61,14 +61,17 @@ class Library:
     ----------
     signatures : tuple of Signature
     not_testable : mapping of effect to what it needs
+    switched : tuple of Effect
+        Those that may be on in parts of the flights.
     """
 
     signatures: tuple[Signature, ...]
     not_testable: Mapping[str, str]
+    switched: tuple[Effect, ...] = ()
 
     def may_name(self, effect: str) -> bool:
         """Whether an effect may be a finding, whether these flights can test it or not."""
-        return effect in self.not_testable or bool(self.of(effect))
+        return effect in self.not_testable or effect in {e.name for e in (*self.effects, *self.switched)}
 
     def of(self, effect: str) -> list[Signature]:
         """Forms of one effect."""
@@ -92,7 +95,7 @@ def spectra_of(variants: Sequence[Variant], flight: Flight, responses: Sequence[
     return [{c: together[:, (end := next(ends)) - x.shape[1] : end] for c, x in one.items()} for one in added]
 
 
-def _acting(spectra: Sequence[Mapping[str, Array]], flights: Sequence[Flight]) -> frozenset[str]:
+def acting(spectra: Sequence[Mapping[str, Array]], flights: Sequence[Flight]) -> frozenset[str]:
     """Flights on which an effect acts: more than the tails of what it does in another one."""
     powers = [{c: float(np.vdot(x.T, x.T)) for c, x in one.items()} for one in spectra]  # rows of it are contiguous
     largest = {c: max(power.get(c, 0.0) for power in powers) for c in {c for power in powers for c in power}}
@@ -128,10 +131,13 @@ def work_out(
     """
     refused: dict[str, str] = {}
     jobs: list[tuple[Effect, Variant]] = []
+    switched = []
     for hypothesis in effects:
         lacking = hypothesis.needs(flights)
         variants = [] if lacking else list(hypothesis.variants(flights))
-        if not variants:
+        if not lacking and hypothesis.switched is not None:
+            switched.append(hypothesis)
+        elif not variants:
             refused[hypothesis.name] = lacking or "motion that would show it"
         jobs += [(hypothesis, v) for v in variants]
     size = {c: max(float(np.std(f.difference[c])) for f in flights) for c in responses}
@@ -142,9 +148,9 @@ def work_out(
         zip(jobs, each_spectra([v for _, v in jobs], flights, responses))
     ):
         if any(float(np.abs(x).max()) > _FAINT * size[c] for part in made for c, x in part.items()):
-            found.append(Signature(hypothesis, variant, made, _acting(made, flights)))
+            found.append(Signature(hypothesis, variant, made, acting(made, flights)))
         if done % _AT_ONCE == 0 or done == len(jobs) - 1:
             tell("signatures", done + 1, len(jobs))
-    seen = {s.hypothesis.name for s in found}
+    seen = {s.hypothesis.name for s in found} | {e.name for e in switched}
     refused |= {h.name: "motion that would show it" for h, _ in jobs if h.name not in seen}
-    return Library(tuple(found), refused)
+    return Library(tuple(found), refused, tuple(switched))

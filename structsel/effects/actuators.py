@@ -22,7 +22,6 @@ from structsel.effects.base import (
     Variant,
     Weights,
 )
-from structsel.effects.confining import confined
 from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.model_forms import MakeModel, add_term, derivative, one_hot, state_after
 from structsel.effects.operators import spaced
@@ -223,9 +222,7 @@ def _feedback_variants(flights: Flights) -> list[Variant]:
                 for s, (sd, unit) in ((s, deviations[s]) for s in pair)
             )
             made.append(_fed_back(control, gains, pair, f"{' and '.join(pair)} to"))
-    # A damper may be on in some manoeuvres and off in others, and nobody wrote down which.
-    some = [confined(flights, v) for v in made if len(v.parameters) == 1]
-    return [*made, *(v for v in some if v is not None)]
+    return made
 
 
 def _fed_back(
@@ -262,8 +259,7 @@ def _feedback_model(case: ModelCase, control: str, signals: Sequence[str], washo
 
 def _feedback_says(found: FittedEffect) -> str:
     gains = " and ".join(f"{found.text(name)} ({name.removeprefix('gain of ')})" for name in _names(found))
-    where = f", in {', '.join(found.variant.only_in)} only" if found.variant.only_in else ""
-    return f"Something unrecorded moves a surface with the motion ({found.variant.about}){where}: gain {gains}."
+    return f"Something unrecorded moves a surface with the motion ({found.variant.about}): gain {gains}."
 
 
 def _names(found: FittedEffect) -> list[str]:
@@ -306,7 +302,7 @@ EFFECTS: tuple[Effect, ...] = (
         "augmentation", "actuator", "An unrecorded autopilot or damper moves a surface with the motion.",
         _needs_used_control,
         _feedback_variants, _feedback_says,
-        look_alikes=("wrong-derivative", "downwash-lag", "sidewash-lag"),
+        look_alikes=("wrong-derivative", "downwash-lag", "sidewash-lag"), switched=_feedback_variants,
         separated_by="the same manoeuvre with the damper off",
         check="whether the surface is recorded before or after the autopilot's servo",
     ),

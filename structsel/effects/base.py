@@ -81,6 +81,8 @@ class Variant:
         it is not given, terms are found whose sums the columns are, if there are any.
     words : mapping of str to str
         Parts of the sentence that states it.
+    spread : mapping of name to float
+        Standard deviations of those of `shape` that were estimated from the differences.
     """
 
     parameters: tuple[EffectParameter, ...]
@@ -92,6 +94,7 @@ class Variant:
     only_in: tuple[str, ...] = ()
     model: Callable[[ModelCase], ModelForm | None] | None = None
     words: Mapping[str, str] = field(default_factory=dict)
+    spread: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -307,6 +310,12 @@ class Effect:
         Of the effect as against the others.
     event : bool
         True where it acts at times sought in the differences, so that other manoeuvres cannot predict it.
+    switched : callable, optional
+        Flights to the forms, as they are when they are on, that may be on in some manoeuvres or parts of them only.
+    may_end : bool
+        Whether such a form may end in a manoeuvre.
+    durations : tuple of float [s]
+        Of its beginning and end.
     truth : TruthCase, optional
         Its case in the proof. None where ``proof`` has a generator of its own for it, or no case.
     """
@@ -322,4 +331,7 @@ class Effect:
     check: str = ""
     log_prior: float = 0.0
     event: bool = False
+    switched: Callable[[Flights], Sequence[Variant]] | None = None
+    may_end: bool = True
+    durations: tuple[float, ...] = (0.0,)
     truth: TruthCase | None = None

@@ -1,29 +1,22 @@
-"""Where in time a difference jumps: candidates for events that no channel tells of."""
+"""Where in time a difference jumps or drifts, that no channel tells of."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Flights
-from structsel.effects.operators import shape_of
-from structsel.effects.signals import CHANNELS_OF, Column, held, moves
+from structsel.effects.signals import Column
 from structsel.numerics.arrays import Array
 
-_BLOCK = 0.2  # s, over which differences are averaged
 _EDGE = 1.5  # s, at both ends of a manoeuvre, in which no change is sought
 _MEMORY = 1.0  # s between samples that count as independent
 _OWN = 0.05  # of a change's variance, that channels must leave unexplained
 LEAST_DISTANCE = 3.0  # s between two changes of one manoeuvre
-_SINGLE = 3  # most changes of one manoeuvre alone that are tried
-_ALONE = 10  # maximum number of manoeuvres whose single changes are tried
-_ROUNDS = 2  # in which the proportions of a change are those of the first, and then of all that are alike
-_TOGETHER = 8  # most manoeuvres with the same change
-_CLEAR = 1.5  # gain in log likelihood from which a manoeuvre joins others in a change of the same proportions
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,82 +75,6 @@ def ramp(t: Array, start: float | Array, duration: float) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class ChangeSearch:
-    """Manoeuvres in whose differences changes are sought.
-
-    What the simulation's linear terms could explain in the same manoeuvre is allowed for, so that wrong values of
-    those are not taken for events.
-
-    Attributes
-    ----------
-    manoeuvres : sequence of (Sought, Sought)
-        Each averaged over blocks, and as it is.
-    """
-
-    manoeuvres: Sequence[tuple[Sought, Sought]]
-
-    @classmethod
-    def of(cls, flights: Flights, responses: Sequence[str], factor: Column | None = None) -> ChangeSearch:
-        """In some responses, of the manoeuvres that have all of them; a change is multiplied by `factor`, if any."""
-        wanted = held(flights, responses)
-        channels = [c for c in dict.fromkeys(c for r in wanted for c in CHANNELS_OF.get(r, ())) if moves(flights, c)]
-        there = [f for f in flights if wanted and all(r in f.measured for r in wanted)]
-        return cls(
-            [
-                (
-                    Sought.of([f], wanted, channels, max(1, round(_BLOCK / f.dt)), factor),
-                    Sought.of([f], wanted, channels, 1, factor),
-                )
-                for f in there
-            ]
-        )
-
-    def find(self, durations: Sequence[float] = (0.0,), each: int = 2) -> list[SoughtChange]:
-        """Likeliest changes of every manoeuvre, at most `each` per duration, best first."""
-        found = []
-        for coarse, fine in self.manoeuvres:
-            for duration in durations:
-                picked = coarse.best(coarse.starts(duration), duration, each)
-                if duration == 0.0:  # what happens at once is known to the sample
-                    picked = [replace(fine.best(fine.near(one), 0.0, 1)[0], gain=one.gain) for one in picked]
-                found += picked
-        return sorted(found, key=lambda change: -change.gain)
-
-    def together(self, changes: Sequence[SoughtChange], *, both_signs: bool = True) -> list[Event]:
-        """The clearest change of each duration with those of other manoeuvres that have its proportions.
-
-        The clearest of two, three and more manoeuvres, with their signs. One cause moves the responses in the same
-        proportions in every manoeuvre, where it need not be what changes most.
-
-        Parameters
-        ----------
-        changes : sequence of SoughtChange
-            Found by this search, best first.
-        both_signs : bool
-            Whether a change may have opposite signs in two manoeuvres.
-        """
-        levels = {coarse.name: coarse.level for coarse, _ in self.manoeuvres}
-        made: list[Event] = []
-        for duration in dict.fromkeys(change.duration for change in changes):
-            first = next(change for change in changes if change.duration == duration)
-            if not first.size.any():
-                continue
-            step, alike, signs = first.size * levels[first.flight], [first], {first.flight: 1.0}
-            for _ in range(_ROUNDS):
-                alike = [one for pair in self.manoeuvres if (one := _like(*pair, step, duration)) is not None]
-                signs = {one.flight: float(np.sign(one.size @ (step / levels[one.flight]))) for one in alike}
-                alike = [one for one in alike if one.gain > _CLEAR and (both_signs or signs[one.flight] > 0.0)]
-                if not alike:
-                    break
-                # The proportions as all of them have them, each as far as it is clear.
-                step = np.sum([one.gain * signs[one.flight] * one.size * levels[one.flight] for one in alike], axis=0)
-            alike.sort(key=lambda one: -one.gain)
-            for n in range(2, min(len(alike), _TOGETHER) + 1):
-                made.append((tuple(alike[:n]), np.array([signs[one.flight] for one in alike[:n]])))
-        return made
-
-
-@dataclass(frozen=True, eq=False)
 class Sought:
     """Differences of a manoeuvre, or of several of one flight, in which changes are sought.
 
@@ -196,10 +113,6 @@ class Sought:
         """Times at which a change may begin."""
         return self.t[(self.t > self.t[0] + _EDGE) & (self.t < self.t[-1] - _EDGE - 0.5 * duration)]
 
-    def near(self, change: SoughtChange) -> Array:
-        """Times within a block of a change."""
-        return self.t[np.abs(self.t - change.start) <= _BLOCK]
-
     @property
     def level(self) -> Array:
         """Rms of each response."""
@@ -231,18 +144,6 @@ class Sought:
         """(s,) gains of changes that take (s, r) of the sums of squares of the responses."""
         fraction = np.minimum(explained / np.maximum((self.left**2).sum(axis=0), 1e-30), 1.0 - 1e-9)
         return np.asarray(-0.5 * (self.t[-1] - self.t[0]) / _MEMORY * np.log1p(-fraction).sum(axis=1))
-
-    def like(self, step: Array, starts: Array, duration: float) -> SoughtChange | None:
-        """The likeliest change whose responses have the proportions of `step`, (r,) in their units; of either sign."""
-        if not len(starts):
-            return None
-        size, norm = self.fitted(starts, duration)
-        shape = step / self.level
-        factor = (size / self.level) @ shape / float(shape @ shape)
-        along = factor[:, None] * step
-        gain = self.gains(norm[:, None] * along * (2.0 * size - along))
-        k = int(np.argmax(gain))
-        return SoughtChange(self.name, float(starts[k]), duration, float(gain[k]), size[k] / self.level)
 
     def best(self, starts: Array, duration: float, each: int) -> list[SoughtChange]:
         """The likeliest changes from some of the starts, at most `each`, apart from each other."""
@@ -278,70 +179,3 @@ def _averaged(x: Array, step: int) -> Array:
 
 def _centred(x: Array) -> Array:
     return x - x.mean(axis=0)
-
-
-Event = tuple[tuple[SoughtChange, ...], Array]
-"""Changes that have one cause, and the sign of each."""
-
-
-def steps(
-    flights: Flights, responses: Sequence[str], factor: Column | None = None, singles: int = _ALONE
-) -> list[Event]:
-    """What begins at once and stays: the clearest step of each manoeuvre alone, and those with one cause and sign.
-
-    Parameters
-    ----------
-    flights : sequence of Flight
-    responses : sequence of str
-        In which steps are sought; those that the flights have.
-    factor : callable, optional
-        What a step is multiplied by.
-    singles : int
-        Most manoeuvres whose step alone is returned.
-    """
-    search = ChangeSearch.of(flights, responses, factor)
-    found = search.find(each=1)
-    return [*alone(found)[:singles], *search.together(found, both_signs=False)]
-
-
-def when(event: Event) -> str:
-    """Recordings and times, in words."""
-    return ", ".join(change.when for change in event[0])
-
-
-def from_then_on(event: Event) -> str:
-    """The same of what stays."""
-    return ", ".join(
-        f"from {one.when} on" if one.later else f"in '{one.flight}' from {one.start:.1f} s on" for one in event[0]
-    )
-
-
-def times_of(event: Event) -> dict[str, float]:
-    """Times [s] that were sought, as the shape of a variant."""
-    return shape_of({where: when for change in event[0] for where, when in change.times.items()})
-
-
-def alone(changes: Sequence[SoughtChange]) -> list[Event]:
-    """Each of the best changes of every manoeuvre alone."""
-    names = list(dict.fromkeys(change.flight for change in changes))[:_ALONE]
-    return [((change,), np.ones(1)) for name in names for change in [c for c in changes if c.flight == name][:_SINGLE]]
-
-
-def _like(coarse: Sought, fine: Sought, step: Array, duration: float) -> SoughtChange | None:
-    found = coarse.like(step, coarse.starts(duration), duration)
-    if found is None or duration > 0.0:
-        return found
-    exact = fine.like(step, fine.near(found), 0.0)
-    return found if exact is None else replace(exact, gain=found.gain)
-
-
-def added(changes: Sequence[SoughtChange], signs: Array) -> Column:
-    """Sum of changes, each with its sign."""
-
-    def column(flight: Flight) -> Array:
-        made = np.zeros(len(flight))
-        for sign, change in zip(signs, changes):
-            made += sign * change.along(flight)
-        return made
-
-    return column

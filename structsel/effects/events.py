@@ -9,13 +9,15 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.comparison.surrogate import CONFIGURATION
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.changes import ChangeSearch, Event, added, alone, times_of, when
 from structsel.effects.ice import ice_says, ice_variants
 from structsel.effects.lasting_changes import lasting_changes
+from structsel.effects.operators import shape_of
 from structsel.effects.signals import Column, from_lift_and_drag, lacking, lift_line, moves, signature
 from structsel.nomenclature import COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
+from structsel.numerics.arrays import Array
 
-_DURATIONS = (0.0, 1.0, 2.5, 5.0, 8.0)  # s, of a change of configuration
+_DURATIONS = (0.0, 1.0, 2.5, 5.0, 8.0)  # s, of a change of configuration in a recording
+_LASTING = (0.0, 1.0)  # s, of one that may be undone in another recording
 _PHRASES = {"lift": "lift coefficient", "drag": "drag coefficient", "pitching moment": "pitching moment coefficient"}
 
 
@@ -63,33 +65,29 @@ def _channel(name: str) -> Column:
 
 
 def _unrecorded(flights: Flights) -> list[Variant]:
-    sizes = _size((0.15, 0.03, 0.04), "-")
-    search = ChangeSearch.of(flights, LONGITUDINAL_COEFFICIENTS)
-    found = search.find(_DURATIONS)
-    lasting = alone(lasting_changes(flights, LONGITUDINAL_COEFFICIENTS, _DURATIONS))
-    return [
-        Variant(sizes, _increments(added(*event), None, 0.0), _times(event), _seconds(event), _when(event))
-        for event in [*alone(found), *search.together(found), *lasting]
-    ]
+    return [Variant(_size((0.15, 0.03, 0.04), "-"), _increments(_all_of_it, None, 0.0))]
 
 
-def _times(event: Event) -> dict[str, float]:
-    return times_of(event) | {"duration": event[0][0].duration}
+def _lasting(flights: Flights) -> list[Variant]:
+    """Over the recordings of one flight."""
+    made = []
+    for change in lasting_changes(flights, LONGITUDINAL_COEFFICIENTS, _LASTING):
+        took = change.duration
+        times = shape_of(change.times) | {"duration": took}
+        about = f"in {change.when}{f', within {took:g} s' if took else ''}"
+        columns = _increments(change.along, None, 0.0)
+        made.append(Variant(_size((0.15, 0.03, 0.04), "-"), columns, times, dict.fromkeys(times, "s"), about))
+    return made
 
 
-def _seconds(event: Event) -> dict[str, str]:
-    return dict.fromkeys(_times(event), "s")
-
-
-def _when(event: Event) -> str:
-    took = event[0][0].duration
-    return f"{when(event)}{f', within {took:g} s' if took else ', at once'}"
+def _all_of_it(flight: Flight) -> Array:
+    return np.ones(len(flight))
 
 
 def _says_configuration(found: FittedEffect) -> str:
-    if "duration" in found.variant.shape:
+    if not found.variant.terms:
         changes = [f"{phrase} by {found.text(name)}" for name, phrase in _PHRASES.items()]
-        return f"The configuration changed, unrecorded, in {found.variant.about}: {', '.join(changes)}."
+        return f"The configuration changed, unrecorded, {found.variant.about}: {', '.join(changes)}."
     values = [f"{p.name} {found.text(p.name)}" for p in found.variant.parameters]
     return f"Forces follow {found.variant.about} otherwise than in the simulation: {', '.join(values)}."
 
@@ -109,27 +107,12 @@ _WHERE = {"near the middle": 0.0, "along the span": 1.2}
 
 
 def _releases(flights: Flights) -> list[Variant]:
-    search = ChangeSearch.of(flights, COEFFICIENTS)
-    changes = search.find()
-    lasting = lasting_changes(flights, COEFFICIENTS, undone=False)
-    return [
-        Variant(
-            _RELEASE,
-            _released(added(*event), inertia),
-            _times(event),
-            _seconds(event),
-            f"{_when(event)}, from {place}",
-        )
-        for event in [*alone(changes), *search.together(changes, both_signs=False), *alone(lasting)]
-        for place, inertia in _WHERE.items()
-    ]
+    return [Variant(_RELEASE, _released(inertia), about=f"from {place}") for place, inertia in _WHERE.items()]
 
 
-def _released(along: Column, inertia: float) -> Callable[[Flight], Columns]:
+def _released(inertia: float) -> Callable[[Flight], Columns]:
     def columns(flight: Flight) -> Columns:
-        x = along(flight)
-        if not x.any():
-            return {}
+        x = _all_of_it(flight)
         simulated = {r: flight.predicted(r) if r in flight.simulated else np.zeros(len(flight)) for r in COEFFICIENTS}
         tilt, CT = flight.aircraft.thrust.inclination, flight["CT"]
         # Weighed as before, the aircraft seems to feel more force, and more moment, than it does.
@@ -156,7 +139,7 @@ def _says_release(found: FittedEffect) -> str:
     mass, drag = found.text("mass", 100.0, "%"), found.text("drag", 1e4, "counts")
     forward, sideways = found.text("dx", 100.0, "% cbar"), found.text("dy", 100.0, "% of the span")
     return (
-        f"A load left the aircraft in {found.variant.about}: mass falls by {mass} of the rest, drag by {drag}, and the "
+        f"A load left the aircraft ({found.variant.about}): mass falls by {mass} of the rest, drag by {drag}, and the "
         f"centre of gravity moves by {forward} and {sideways} to the side."
     )
 
@@ -167,13 +150,15 @@ EFFECTS: tuple[Effect, ...] = (
         "static",
         "Flap, gear, brake or spoiler changes lift, drag and moment together: as its channel tells, or unrecorded.",
         lambda flights: lacking(flights, LONGITUDINAL_COEFFICIENTS),
-        lambda flights: [*_recorded(flights), *_unrecorded(flights)],
+        lambda flights: [*_recorded(flights), *_lasting(flights)],
         _says_configuration,
         look_alikes=("store-release", "icing", "ground-effect"),
         separated_by="The device moved again in steady flight at two speeds, with its position recorded.",
         check="The flight log at that time: flap, gear, brakes, doors; increments of the device in the simulation.",
         log_prior=-1.0,
         event=True,
+        switched=_unrecorded,
+        durations=_DURATIONS,
     ),
     Effect(
         "icing",
@@ -192,12 +177,14 @@ EFFECTS: tuple[Effect, ...] = (
         "inertial",
         "A load leaves the aircraft: mass, drag and trim jump at one instant.",
         lambda flights: lacking(flights, ("CX", "CZ")),
-        _releases,
+        lambda flights: (),
         _says_release,
         look_alikes=("configuration-change", "mass-error", "cg-shift"),
         separated_by="Pull-ups before and after: a lighter aircraft has a larger load factor at the same lift.",
         check="The flight log at that time; mass by weighing after landing.",
         log_prior=-2.0,
         event=True,
+        switched=_releases,
+        may_end=False,
     ),
 )

@@ -13,9 +13,8 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.changes import added, alone, from_then_on, steps, times_of, when
 from structsel.effects.lasting_changes import lasting_changes
-from structsel.effects.operators import oscillate, peaks, spaced
+from structsel.effects.operators import oscillate, peaks, shape_of, spaced
 from structsel.effects.signals import Parts, coefficients, held, lacking, of_parts
 from structsel.nomenclature import FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.air_data import cross
@@ -138,17 +137,10 @@ def _shift_variants(flights: Flights) -> list[Variant]:
         made.append(of_parts((_shift(flights, axis),), columns, f"in all manoeuvres, in {moment} alone"))
     for axis, response in ((0, "Cm"), (1, "Cl"), (2, "Cm")):
         arm = partial(_arm, axis=axis, response=response)
-        begun = steps(flights, (response,), arm)
-        lasting = alone(lasting_changes(flights, (response,), _DURATIONS, factor=arm))
-        for words, events in ((from_then_on, begun), (when, lasting)):
-            for event in events:
-                shape = times_of(event)
-                made.append(
-                    of_parts(
-                        (_shift(flights, axis),), partial(_off_centre, j=0, axis=axis, on=added(*event)),
-                        words(event), (), shape, dict.fromkeys(shape, "s"),
-                    )
-                )  # fmt: skip
+        for change in lasting_changes(flights, (response,), _DURATIONS, factor=arm):
+            shape = shape_of(change.times)
+            columns = partial(_off_centre, j=0, axis=axis, on=change.along)
+            made.append(of_parts((_shift(flights, axis),), columns, change.when, (), shape, dict.fromkeys(shape, "s")))
         if len(flights) > 2:
             made.append(
                 of_parts(
@@ -163,6 +155,10 @@ def _shift_variants(flights: Flights) -> list[Variant]:
             )
         )  # fmt: skip
     return made
+
+
+def _shifts_in_flight(flights: Flights) -> list[Variant]:
+    return [of_parts((_shift(flights, axis),), partial(_off_centre, j=0, axis=axis), "") for axis in range(3)]
 
 
 def _shift_says(found: FittedEffect) -> str:
@@ -296,7 +292,8 @@ EFFECTS: tuple[Effect, ...] = (
     Effect(
         "cg-shift", "inertial", "The centre of gravity is not where stated, or moves.",
         lambda fs: lacking(fs, MOMENT_COEFFICIENTS) or lacking(fs, FORCE_COEFFICIENTS), _shift_variants, _shift_says,
-        look_alikes=("wrong-derivative", "thrust-line"),
+        look_alikes=("wrong-derivative", "thrust-line"), switched=_shifts_in_flight,
+        may_end=False, durations=_DURATIONS,
         separated_by="force changes that angle of attack does not cause: flap, throttle, sideslip, stall",
         check="loading sheet and fuel distribution; weighing on three points",
     ),

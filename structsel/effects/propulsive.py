@@ -11,11 +11,9 @@ import numpy as np
 from structsel.candidates import Term
 from structsel.comparison.flight import Flight
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, ModelCase, ModelForm, Variant
-from structsel.effects.changes import added, alone, from_then_on, steps, times_of
-from structsel.effects.lasting_changes import lasting_changes
 from structsel.effects.operators import spaced
 from structsel.effects.propeller import propeller_variants, slipstream_variants
-from structsel.effects.signals import Column, Parts, available, gathered, lacking, moves, of_parts, reach
+from structsel.effects.signals import Parts, available, gathered, lacking, moves, of_parts, reach
 from structsel.effects.wording import percent
 from structsel.model import State
 from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
@@ -183,30 +181,30 @@ def _gyroscopic_needs(flights: Flights) -> str:
 # Thrust that differs from side to side
 
 
+def _sizes(flights: Flights) -> tuple[EffectParameter, EffectParameter]:
+    b = flights[0].aircraft.b
+    return (
+        EffectParameter("offset", "m", 0.05 * b, -0.4 * b, 0.4 * b),
+        EffectParameter("rolling moment per CT", "-", 0.02),
+    )
+
+
+def _off_centre_thrust(flights: Flights) -> list[Variant]:
+    def parts(f: Flight) -> list[tuple[str, int, Array]]:
+        return [("Cn", 0, -f["CT"] / f.aircraft.b), ("Cl", 1, f["CT"])]
+
+    return [of_parts(_sizes(flights), parts, "in proportion to thrust", ("CT",))]
+
+
 def _asymmetric_variants(flights: Flights) -> list[Variant]:
-    aircraft = flights[0].aircraft
-    arm = EffectParameter("offset", "m", 0.05 * aircraft.b, -0.4 * aircraft.b, 0.4 * aircraft.b)
-    roll = EffectParameter("rolling moment per CT", "-", 0.02)
-
-    def parts(f: Flight, on: Array | float) -> list[tuple[str, int, Array]]:
-        return [("Cn", 0, -on * f["CT"] / aircraft.b), ("Cl", 1, on * f["CT"])]
-
-    def begins(f: Flight, on: Column) -> Parts:
-        return parts(f, on(f))
-
-    made = [of_parts((arm, roll), lambda f: parts(f, 1.0), "all the time", ("CT",))]
+    made = _off_centre_thrust(flights)
     if {"thrust_left", "thrust_right"} <= flights[0].recorded:
 
         def halves(f: Flight) -> list[tuple[str, int, Array]]:
             difference = (f["thrust_left"] - f["thrust_right"]) / (f["qbar"] * f.aircraft.S)
-            return [("Cn", 0, difference / aircraft.b), ("Cl", 1, difference)]
+            return [("Cn", 0, difference / f.aircraft.b), ("Cl", 1, difference)]
 
-        made.append(of_parts((arm, roll), halves, "as recorded left and right"))
-    begun = [*steps(flights, ("Cn",), lambda f: f["CT"]), *alone(lasting_changes(flights, ("Cn", "Cl"), undone=False))]
-    for event in begun:
-        shape = times_of(event)
-        columns = partial(begins, on=added(*event))
-        made.append(of_parts((arm, roll), columns, from_then_on(event), (), shape, dict.fromkeys(shape, "s")))
+        made.append(of_parts(_sizes(flights), halves, "as recorded left and right"))
     return made
 
 
@@ -266,6 +264,7 @@ EFFECTS: tuple[Effect, ...] = (
         _thrust_needs(("Cn", "Cl")), _asymmetric_variants,
         lambda found: f"Thrust acts off the plane of symmetry by {found.text('offset')} ({found.variant.about}).",
         look_alikes=("asymmetry", "thrust-line", "propeller-normal-force"), log_prior=1.0,
+        switched=_off_centre_thrust, may_end=False,
         separated_by="throttle steps with wings level: an asymmetry of the airframe stays",
         check="both engines' instruments",
     ),

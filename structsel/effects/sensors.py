@@ -10,7 +10,7 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import reading
 from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant
-from structsel.effects.biases import bias_says, bias_variants
+from structsel.effects.biases import bias_says, bias_variants, constant_biases
 from structsel.effects.operators import spaced
 from structsel.effects.readings import (
     AIR,
@@ -309,7 +309,7 @@ EFFECTS: tuple[Effect, ...] = (
     Effect(
         "sensor-bias", "sensor", "An instrument is off by more than a free constant: too far, drifting or jumping.",
         _needs((*AIR, *INERTIAL, *ATTITUDE)), bias_variants, bias_says,
-        look_alikes=("steady-wind", "asymmetry", "sensor-scale"),
+        look_alikes=("steady-wind", "asymmetry", "sensor-scale"), switched=constant_biases, may_end=False,
         separated_by="the same manoeuvre flown on opposite headings, and seconds of rest on the ground",
         check="the instrument's reading at rest before and after flight",
     ),

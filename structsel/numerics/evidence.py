@@ -219,6 +219,16 @@ class Base:
         """(rows, k) nuisances per manoeuvre, scaled by the most probable factors too."""
         return [X * self.scales[self.chosen] for X in self.given]
 
+    @property
+    def inverse(self) -> Array:
+        """(k, k) inverse Cholesky factor of the posterior precision, of all manoeuvres, times the factors."""
+        return np.asarray(self._inverse[self.chosen, 0] * self.scales[self.chosen])
+
+    @property
+    def factored_y(self) -> Array:
+        """(k,) products with y by that factor."""
+        return np.asarray(self._rotated[self.chosen, 0])
+
     def residual(self, m: int, coefficients: Array) -> Array:
         """Rows of manoeuvre m minus their prediction by coefficients (k,) of the columns of `B`."""
         values, first, left = self.scales[self.chosen] * coefficients, 0, self.y[m]
