@@ -101,6 +101,8 @@ _RELEASE = (
     EffectParameter("dx", "of cbar", 0.02, -0.3, 0.3),
     EffectParameter("dy", "of b", 0.005, -0.1, 0.1),
     EffectParameter("trim", "-", 0.005, -0.1, 0.1),
+    EffectParameter("roll trim", "-", 0.002, -0.1, 0.1),
+    EffectParameter("yaw trim", "-", 0.001, -0.1, 0.1),
 )
 _WHERE = {"near the middle": 0.0, "along the span": 1.2}
 """Fraction of the inertia about x and z that goes with a fraction of mass; of that about y half as much."""
@@ -129,6 +131,8 @@ def _released(inertia: float) -> Callable[[Flight], Columns]:
             ("Cl", 3, -x * simulated["CZ"]),
             ("Cn", 3, x * simulated["CX"]),
             ("Cm", 4, x),
+            ("Cl", 5, x),
+            ("Cn", 6, x),
         ]
         return signature(flight, len(_RELEASE), parts)
 
