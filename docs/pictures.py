@@ -95,10 +95,20 @@ def _scene(hypothesis: Effect) -> tuple[tuple[Flight, ...], Variant]:
     """Flights on which it can be tried, and one of its forms."""
     for flights in (_aircraft((40.0, 52.0)), _aircraft((95.0, 110.0)), _rig()):
         if not hypothesis.needs(flights):
-            forms = hypothesis.variants(flights)
-            if forms:
+            begun = [_from_the_middle(v) for v in hypothesis.switched(flights)] if hypothesis.switched else []
+            if forms := [*hypothesis.variants(flights)] or begun:
                 return flights, forms[len(forms) // 2]
     raise LookupError(f"no flight here shows '{hypothesis.name}'")
+
+
+def _from_the_middle(form: Variant) -> Variant:
+    """The form from the middle of each flight on."""
+
+    def columns(flight: Flight) -> dict[str, np.ndarray]:
+        on = (flight.t >= flight.t.mean()).astype(float)[:, None]
+        return {c: on * x for c, x in form.columns(flight).items()}
+
+    return replace(form, columns=columns)
 
 
 def _clearest(flights: tuple[Flight, ...], form: Variant) -> tuple[Flight, str, int, np.ndarray]:
