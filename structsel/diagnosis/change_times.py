@@ -100,7 +100,7 @@ def _likeliest_steps(flight: Flight, response: str, size: float) -> list[_Sought
         sizes, norm = coarse.fitted(starts, 0.0)
         weight = scipy.special.softmax(coarse.gains(sizes**2 * norm[:, None]))
         nearby = fine.t[np.abs(fine.t - starts[np.argmax(weight)]) <= _BLOCK]
-        unit, (change,) = flight.dt / own.dt, fine.best(nearby, 0.0, 1)
+        unit, change = flight.dt / own.dt, fine.best(nearby, 0.0)
         std = max(unit * float(np.sqrt(weight @ (starts - change.start) ** 2)), flight.dt)
         made.append(_SoughtStep(of, course * change.along(own), unit * change.start, std, len(starts)))
     return made

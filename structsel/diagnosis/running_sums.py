@@ -18,15 +18,15 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.nuisance import Nuisance
 from structsel.comparison.tolerances import biases_of
 from structsel.diagnosis.scoring import EVENT_COST
-from structsel.diagnosis.switch_search import EDGE, NEVER, On, Parts, costs, search
+from structsel.diagnosis.switch_search import NEVER, On, Parts, costs, search
 from structsel.effects.base import Variant
+from structsel.effects.changes import EDGE, LEAST_DISTANCE
 from structsel.numerics.arrays import Array
 
 _BLOCK = 0.2  # s, over which differences are averaged
 _LEAST = 1e-6  # of a response's rms, below which a difference is rounding
 _LONGEST = 0.98  # correlation of the noise of two blocks
 _ALWAYS, _NEVER = 0, 1  # places among the options
-_LEAST_DISTANCE = 3.0  # s between start and end in one flight
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +84,10 @@ class RunningSums:
     ) -> tuple[Variant, list[On], float]:
         """The same for this noise."""
         options = [f.options(may_end) for f in self.flights]
-        tried = [
-            (form, duration, [one.within(duration) for one in sums])
-            for form in forms
-            for sums in [[f.running_sums(form, x) for f, x in zip(self.flights, self.factored)]]
-            for duration in durations
-        ]
+        tried = []
+        for form in forms:
+            at_once = [f.running_sums(form, x) for f, x in zip(self.flights, self.factored)]
+            tried += [(form, duration, [one.within(duration) for one in at_once]) for duration in durations]
         parts = [[one.parts(w) for one, w in zip(sums, options)] for *_, sums in tried]
         first = [search(self.y, each, [_NEVER] * len(each)) for each in parts]
         k = int(np.argmax([one.log_evidence for one in first]))
@@ -256,7 +254,7 @@ class AveragedFlight:
         if len(inner):
             one = 2 + np.arange(len(inner))
             start, end = (inner[int(np.argmax(log_evidence[k]))] for k in (one, one + len(inner)))
-        least = _LEAST_DISTANCE / (_step(self.flight) * self.flight.dt)
+        least = LEAST_DISTANCE / (_step(self.flight) * self.flight.dt)
         ends, starts = inner[inner > start + least], inner[inner < end - least]
         first = np.concatenate([[tried.first[at], 0, n], np.full_like(ends, start), starts])
         last = np.concatenate([[tried.last[at], n, n], ends, np.full_like(starts, end)])

@@ -61,17 +61,19 @@ class Library:
     ----------
     signatures : tuple of Signature
     not_testable : mapping of effect to what it needs
-    switched : tuple of Effect
-        Those that may be on in parts of the flights.
+    switched : tuple of (Effect, forms)
+        Those that may be on in parts of the flights, as they are when they are on.
     """
 
     signatures: tuple[Signature, ...]
     not_testable: Mapping[str, str]
-    switched: tuple[Effect, ...] = ()
+    switched: tuple[tuple[Effect, Sequence[Variant]], ...] = ()
 
     def may_name(self, effect: str) -> bool:
         """Whether an effect may be a finding, whether these flights can test it or not."""
-        return effect in self.not_testable or effect in {e.name for e in (*self.effects, *self.switched)}
+        return effect in self.not_testable or effect in {
+            e.name for e in (*self.effects, *(e for e, _ in self.switched))
+        }
 
     def of(self, effect: str) -> list[Signature]:
         """Forms of one effect."""
@@ -135,8 +137,9 @@ def work_out(
     for hypothesis in effects:
         lacking = hypothesis.needs(flights)
         variants = [] if lacking else list(hypothesis.variants(flights))
-        if not lacking and hypothesis.switched is not None:
-            switched.append(hypothesis)
+        forms = [] if lacking or hypothesis.switched is None else list(hypothesis.switched(flights))
+        if forms:
+            switched.append((hypothesis, forms))
         elif not variants:
             refused[hypothesis.name] = lacking or "motion that would show it"
         jobs += [(hypothesis, v) for v in variants]
@@ -151,6 +154,6 @@ def work_out(
             found.append(Signature(hypothesis, variant, made, acting(made, flights)))
         if done % _AT_ONCE == 0 or done == len(jobs) - 1:
             tell("signatures", done + 1, len(jobs))
-    seen = {s.hypothesis.name for s in found} | {e.name for e in switched}
+    seen = {s.hypothesis.name for s in found} | {e.name for e, _ in switched}
     refused |= {h.name: "motion that would show it" for h, _ in jobs if h.name not in seen}
     return Library(tuple(found), refused, tuple(switched))

@@ -10,10 +10,10 @@ import numpy as np
 import scipy
 
 from structsel.diagnosis.scoring import EVENT_COST
+from structsel.effects.changes import ramp
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Further
 
-EDGE = 1.5  # s at both ends of a flight, in which nothing is switched
 _RISE = 1e-9  # of a log evidence, more than rounding
 
 
@@ -27,7 +27,7 @@ class On:
 
     def along(self, t: Array) -> Array:
         """From zero to one where it is on."""
-        return _ramp(t, self.start, self.duration) - _ramp(t, self.end, self.duration)
+        return ramp(t, self.start, self.duration) - ramp(t, self.end, self.duration)
 
     @property
     def finite(self) -> tuple[str, ...]:
@@ -47,12 +47,6 @@ class On:
 
 
 ALWAYS, NEVER = On(), On(np.inf)
-
-
-def _ramp(t: Array, start: float, duration: float) -> Array:
-    if duration <= 0.0 or not np.isfinite(start):
-        return (t >= start).astype(float)
-    return np.clip((t - start) / duration, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,10 @@ from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.running_sums import RunningSums
 from structsel.diagnosis.scoring import EffectScore, score
 from structsel.diagnosis.signatures import Library, Signature, acting, spectra_of
-from structsel.diagnosis.switch_search import ALWAYS, EDGE, NEVER, Found, On, Parts, search, spreads
+from structsel.diagnosis.switch_search import ALWAYS, NEVER, Found, On, Parts, search, spreads
 from structsel.diagnosis.weighing import EVIDENT
 from structsel.effects.base import Columns, Effect, Variant
+from structsel.effects.changes import EDGE
 from structsel.effects.operators import shape_of
 
 _COARSE, _FINE = 0.5, 0.1  # s between times that are tried, in the complete flight and then nearby
@@ -61,9 +62,7 @@ def with_proposals(
     if not library.switched:
         return library
     sums = RunningSums.of(flights, tolerances, [s.variant for s in found])
-    for effect in library.switched:
-        if effect.switched is None or not (forms := effect.switched(flights)):
-            continue
+    for effect, forms in library.switched:
         form, on, log_evidence = sums.find(forms, effect.may_end, effect.durations)
         if log_evidence > 0.0 and _is_partly(on):
             kept.append(_form(effect, form, flights, on))

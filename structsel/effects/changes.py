@@ -13,7 +13,7 @@ from structsel.effects.base import Flights
 from structsel.effects.signals import Column
 from structsel.numerics.arrays import Array
 
-_EDGE = 1.5  # s, at both ends of a manoeuvre, in which no change is sought
+EDGE = 1.5  # s, at both ends of a manoeuvre, in which no change is sought
 _MEMORY = 1.0  # s between samples that count as independent
 _OWN = 0.05  # of a change's variance, that channels must leave unexplained
 LEAST_DISTANCE = 3.0  # s between two changes of one manoeuvre
@@ -27,10 +27,6 @@ class SoughtChange:
     ----------
     flight : str
     start, duration : float [s]
-    gain : float
-        In log likelihood, roughly.
-    size : (r,) array
-        By response, in units of its residual.
     later : tuple of str
         Manoeuvres flown afterwards in the same flight, in which it is still there.
     until : (str, float), optional
@@ -40,8 +36,6 @@ class SoughtChange:
     flight: str
     start: float
     duration: float
-    gain: float
-    size: Array
     later: tuple[str, ...] = ()
     until: tuple[str, float] | None = None
 
@@ -111,12 +105,7 @@ class Sought:
 
     def starts(self, duration: float) -> Array:
         """Times at which a change may begin."""
-        return self.t[(self.t > self.t[0] + _EDGE) & (self.t < self.t[-1] - _EDGE - 0.5 * duration)]
-
-    @property
-    def level(self) -> Array:
-        """Rms of each response."""
-        return np.maximum(np.sqrt((self.left**2).mean(axis=0)), 1e-30)
+        return self.t[(self.t > self.t[0] + EDGE) & (self.t < self.t[-1] - EDGE - 0.5 * duration)]
 
     def fitted(self, starts: Array, duration: float) -> tuple[Array, Array]:
         """(s, r) sizes of changes from each start, and (s,) sums of squares of their columns."""
@@ -145,19 +134,11 @@ class Sought:
         fraction = np.minimum(explained / np.maximum((self.left**2).sum(axis=0), 1e-30), 1.0 - 1e-9)
         return np.asarray(-0.5 * (self.t[-1] - self.t[0]) / _MEMORY * np.log1p(-fraction).sum(axis=1))
 
-    def best(self, starts: Array, duration: float, each: int) -> list[SoughtChange]:
-        """The likeliest changes from some of the starts, at most `each`, apart from each other."""
-        if not len(starts):
-            return []
+    def best(self, starts: Array, duration: float) -> SoughtChange:
+        """The likeliest change from one of some starts."""
         size, norm = self.fitted(starts, duration)
-        gain = self.gains(size**2 * norm[:, None])
-        found: list[SoughtChange] = []
-        for i in np.argsort(-gain):
-            if all(abs(starts[i] - one.start) > LEAST_DISTANCE for one in found):
-                found.append(SoughtChange(self.name, float(starts[i]), duration, float(gain[i]), size[i] / self.level))
-            if len(found) == each:
-                break
-        return found
+        likeliest = int(np.argmax(self.gains(size**2 * norm[:, None])))
+        return SoughtChange(self.name, float(starts[likeliest]), duration)
 
 
 def _separable(total: Array, described: Array) -> Array:

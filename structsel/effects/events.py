@@ -43,6 +43,9 @@ def _size(sds: Sequence[float], unit: str) -> tuple[EffectParameter, ...]:
     return tuple(EffectParameter(name, unit, sd) for name, sd in zip(_PHRASES, sds))
 
 
+_UNRECORDED = _size((0.15, 0.03, 0.04), "-")
+
+
 def _recorded(flights: Flights) -> list[Variant]:
     slope, zero = lift_line(flights)
     made = []
@@ -65,7 +68,7 @@ def _channel(name: str) -> Column:
 
 
 def _unrecorded(flights: Flights) -> list[Variant]:
-    return [Variant(_size((0.15, 0.03, 0.04), "-"), _increments(_all_of_it, None, 0.0))]
+    return [Variant(_UNRECORDED, _increments(_all_of_it, None, 0.0))]
 
 
 def _lasting(flights: Flights) -> list[Variant]:
@@ -76,7 +79,7 @@ def _lasting(flights: Flights) -> list[Variant]:
         times = shape_of(change.times) | {"duration": took}
         about = f"in {change.when}{f', within {took:g} s' if took else ''}"
         columns = _increments(change.along, None, 0.0)
-        made.append(Variant(_size((0.15, 0.03, 0.04), "-"), columns, times, dict.fromkeys(times, "s"), about))
+        made.append(Variant(_UNRECORDED, columns, times, dict.fromkeys(times, "s"), about))
     return made
 
 

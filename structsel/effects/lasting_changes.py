@@ -37,8 +37,6 @@ def lasting_changes(
         In which changes are sought; those that the flights have.
     durations : sequence of float [s]
         Of the change.
-    undone : bool
-        Whether it may be undone.
     factor : callable, optional
         What a change is multiplied by.
     """
@@ -56,9 +54,9 @@ def lasting_changes(
         sought = Sought.of(chain, wanted, channels, step, factor)
         for duration in durations:
             starts = sought.starts(duration)
-            made += [_placed(one, chain) for one in sought.best(starts, duration, 1)]
-            if undone:
-                made += [_placed(one, chain) for one in _there_and_back(sought, starts, duration)]
+            if len(starts):
+                found = [sought.best(starts, duration), *_there_and_back(sought, starts, duration)]
+                made += [_placed(one, chain) for one in found]
     return made
 
 
@@ -83,8 +81,4 @@ def _there_and_back(sought: Sought, starts: Array, duration: float) -> list[Soug
     gain = sought.gains(size**2 * norm[:, None])
     k = int(np.argmax(gain))
     until = ("", float(starts[last[k]]))
-    return [
-        SoughtChange(
-            sought.name, float(starts[first[k]]), duration, float(gain[k]), size[k] / sought.level, until=until
-        )
-    ]
+    return [SoughtChange(sought.name, float(starts[first[k]]), duration, until=until)]
