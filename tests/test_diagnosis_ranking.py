@@ -74,9 +74,9 @@ def test_an_effect_that_adds_nearly_nothing_to_others_is_no_finding(monkeypatch)
     assert {f.effect for f in make_findings(found, lambda axes: {})} == both
     assert found.only(both) is found
     monkeypatch.setattr(members, "_NEGLIGIBLE", 0.9)
-    # Without the second, tolerances of CZ would have to be exceeded.
+    # Without the second, tolerances of CZ would have to be exceeded: it has evidence.
     assert {f.effect for f in make_findings(found, lambda axes: {})} == both
-    monkeypatch.setattr(members, "EVEN", np.inf)
+    monkeypatch.setattr(members, "EVIDENT", np.inf)
     (finding,) = make_findings(found, lambda axes: {})
     assert (finding.effect, finding.fraction) == ("control-nonlinearity", 1.0)
     (step,) = found.only({finding.effect}).steps
