@@ -93,7 +93,11 @@ def _between_blocks(problem: SearchProblem) -> SearchPath:
         for initial in starts
     ]
     n = dof / max(samples_per_independent_sample(products, weights, path.selected, dof) for path in paths)
-    return min(paths, key=lambda p: n * np.log(max(p.rss, ROUNDING * p.tss)) + len(p.selected) * np.log(max(n, 2.0)))
+    distinct = {frozenset(path.selected): path for path in reversed(paths)}  # of the same terms the first, not rounding
+    return min(
+        distinct.values(),
+        key=lambda p: n * np.log(max(p.rss, ROUNDING * p.tss)) + len(p.selected) * np.log(max(n, 2.0)),
+    )
 
 
 STEPWISE = SelectionMethod(
