@@ -174,8 +174,9 @@ def _residual(
     for turn in range(3):
         k = X.shape[1]
         rows = np.column_stack([X, Z]) * weight[:, None]
-        held_to = np.concatenate([np.full(k, 1e-3), np.ones(Z.shape[1])])
-        lower = scipy.linalg.cholesky(rows.T @ rows + np.diag(held_to), lower=True)
+        held_to = np.concatenate([np.full(k, np.sqrt(1e-3)), np.ones(Z.shape[1])])
+        # The factor of rows.T @ rows + held_to^2, whose small eigenvalues the product would lose to rounding.
+        lower = np.asarray(np.linalg.qr(np.vstack([rows, np.diag(held_to)]), mode="r")).T
         turned = scipy.linalg.solve_triangular(lower, rows.T, lower=True)
         fit = scipy.linalg.solve_triangular(lower, turned @ (y * weight), lower=True, trans="T")
         left = y - X @ fit[:k] - Z @ fit[k:]
