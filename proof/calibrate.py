@@ -28,10 +28,7 @@ from structsel.comparison.preparing import prepare
 from structsel.diagnosis import weighing
 from structsel.diagnosis.diagnose import set_up
 from structsel.diagnosis.input_response import InputDrivenMotion
-from structsel.diagnosis.ranking import NAMED, TIED
-from structsel.diagnosis.scoring import score_all
-from structsel.diagnosis.switching import refine, with_proposals
-from structsel.diagnosis.weighing import candidate_effects
+from structsel.diagnosis.ranking import NAMED, TIED, enter, search_effects
 from structsel.numerics.arrays import Array
 
 _MILD = 3.0  # inverse variance of a weight beforehand, in standard deviations of its feature
@@ -40,14 +37,14 @@ _MILD = 3.0  # inverse variance of a weight beforehand, in standard deviations o
 def collect(folder: Path, name: str) -> list[dict]:
     """Rounds of one case: the candidate effects, and after a right one is accepted, those of the next round."""
     key = Key.read(folder / "keys" / f"{name}.json")
-    problem, library, _ = set_up(prepare(*open_case(folder / "cases" / name), aligned=True).flights)
-    tolerances = problem.nuisances
+    start, library, _ = set_up(prepare(*open_case(folder / "cases" / name), aligned=True).flights)
+    problem = start
     rounds: list[dict] = []
     missing = [set(e.accept) for e in key.effects]
     motion = InputDrivenMotion.of(problem.flights)
     while len(rounds) <= len(key.effects):
-        scores = motion.confirm(problem, refine(problem, score_all(problem, library)))
-        scored = [w for w in candidate_effects(problem, scores) if w.lowers]
+        _, candidates = search_effects(problem, library, motion)
+        scored = [w for w in candidates if w.lowers]
         right = [any(w.effect in e for e in missing) for w in scored]
         rows = [
             {"effect": w.effect, "right": r, "features": [float(x) for x in w.features]} for w, r in zip(scored, right)
@@ -58,9 +55,7 @@ def collect(folder: Path, name: str) -> list[dict]:
             break
         best = max(found, key=lambda w: weighing.log_bayes(w.score))
         missing = [e for e in missing if best.effect not in e]
-        accepted = [*problem.accepted, best.score.signature]
-        library = with_proposals(library, problem.flights, tolerances, accepted)
-        problem = problem.with_effects(accepted, library.signatures)
+        problem, library = enter(best, problem, library, start)
     return rounds
 
 

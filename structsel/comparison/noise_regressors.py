@@ -72,8 +72,8 @@ def helpful_columns(
     Parameters
     ----------
     explained : (k, k) array, (k, n) array
-        Cholesky factor L of ``R'R + P``, and ``L^-1 R'``: R are weighted columns that explain already, in units of the
-        noise, P is a precision. Many of the columns are collinear.
+        Lower triangular L, of which ``L L' = R'R + P``, and ``L^-1 R'``: R are weighted columns that explain already,
+        in units of the noise, P is a precision. Many of the columns are collinear.
     y : (n,) array
         Weighted coefficients.
     further : (n, p) array

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy
 
 from structsel.aircraft import Aircraft
 from structsel.comparison.flight import Flight
@@ -147,7 +146,7 @@ class EffectComparison:
             rows = [replace(r, flight=f).difference() for r, f in zip(explained.rows, flights)]
             base = explained.base
             unexplained = Base(rows, base.given, base.groups, base.scales)
-        return float(scipy.special.logsumexp(base.evidence[:, 0]) - scipy.special.logsumexp(unexplained.evidence[:, 0]))
+        return base.log_evidence - unexplained.log_evidence
 
 
 def comparison(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-import scipy
 
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import Ranking, Step
@@ -56,11 +55,6 @@ def squares_left(problem: DiagnosisProblem, responses: Sequence[str]) -> Array:
     return np.array([residual_squares(problem, c) for c in responses])
 
 
-def log_evidence(problem: DiagnosisProblem) -> float:
-    """Of the differences, with all sizes of the stated tolerances."""
-    return float(scipy.special.logsumexp(problem.base.evidence[:, 0]))
-
-
 def needed(problem: DiagnosisProblem, members: Sequence[Member]) -> list[Member]:
     """Effects without those that explain a negligible fraction of what the others leave, the least needed first.
 
@@ -70,11 +64,11 @@ def needed(problem: DiagnosisProblem, members: Sequence[Member]) -> list[Member]
     kept, responses = list(members), problem.judged_responses
     while len(kept) > 1:
         complete, adds = with_members(problem, kept), []
-        all_left, evidence = squares_left(complete, responses), log_evidence(complete)
+        all_left = squares_left(complete, responses)
         for i in range(len(kept)):
             without = with_members(problem, [*kept[:i], *kept[i + 1 :]])
             left = np.maximum(squares_left(without, responses), np.finfo(float).tiny)
-            is_evident = evidence - log_evidence(without) >= EVIDENT
+            is_evident = complete.base.log_evidence - without.base.log_evidence >= EVIDENT
             adds.append(np.inf if is_evident else float(np.max(1.0 - all_left / left)))
         if min(adds) >= _NEGLIGIBLE:
             break

@@ -139,8 +139,7 @@ def rank(
     seen: Detection | None = None
     while (k := len({s.score.effect for s in steps})) < MAX_EFFECTS and len(steps) < _MAX_PLACES:
         tell("ranking", k, MAX_EFFECTS)
-        scores = motion.confirm(problem, refine(problem, score_all(problem, library)))
-        candidates = candidate_effects(problem, scores)
+        scores, candidates = search_effects(problem, library, motion)
         if steps:
             candidates = [one for one in candidates if one.lowers]
             p = _by_name(candidates, probabilities(candidates))
@@ -155,14 +154,46 @@ def rank(
             considered, asked = alternatives, candidates
             break
         best = candidates[0]
-        accepted = [*problem.accepted, best.score.signature]
-        library = with_proposals(library, problem.flights, start.nuisances, accepted)
-        problem = problem.with_effects(accepted, library.signatures)
+        problem, library = enter(best, problem, library, start)
         others = tuple(w.score for w in candidates)
         steps.append(Step(best.score, alternatives, problem, others, best.constant, best.is_level))
     tell("ranking", MAX_EFFECTS, MAX_EFFECTS)
     others = tuple(w.score for w in asked)
     return Ranking(start, tuple(steps), tuple(scores), motion, considered, others, seen)
+
+
+def search_effects(
+    problem: DiagnosisProblem, library: Library, motion: InputDrivenMotion
+) -> tuple[list[EffectScore], list[CandidateEffect]]:
+    """Scores of all effects beside those in the model, and the candidates among them.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    library : Library
+    motion : InputDrivenMotion
+        Of the flights.
+    """
+    scores = motion.confirm(problem, refine(problem, score_all(problem, library)))
+    return scores, candidate_effects(problem, scores)
+
+
+def enter(
+    best: CandidateEffect, problem: DiagnosisProblem, library: Library, start: DiagnosisProblem
+) -> tuple[DiagnosisProblem, Library]:
+    """The problem with a candidate in the model, and the library with the forms that are then proposed.
+
+    Parameters
+    ----------
+    best : CandidateEffect
+    problem : DiagnosisProblem
+    library : Library
+    start : DiagnosisProblem
+        Without effects, with all tolerances.
+    """
+    accepted = [*problem.accepted, best.score.signature]
+    library = with_proposals(library, problem.flights, start.nuisances, accepted)
+    return problem.with_effects(accepted, library.signatures), library
 
 
 def _by_name(candidates: Sequence[CandidateEffect], p: Array) -> dict[str, float]:

@@ -25,7 +25,6 @@ def lasting_changes(
     responses: Sequence[str],
     durations: Sequence[float] = (0.0,),
     *,
-    undone: bool = True,
     factor: Column | None = None,
 ) -> list[SoughtChange]:
     """Clearest change of each flight of several recordings that stays, and the clearest that is undone.

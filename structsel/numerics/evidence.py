@@ -195,6 +195,11 @@ class Base:
         chi2 = chi2_of(self.total, scale * mean)
         self.posterior = Posterior(mean, inverse.T @ inverse, float(self.evidence[self.chosen, 0]), chi2)
 
+    @property
+    def log_evidence(self) -> float:
+        """Of all manoeuvres, summed over the sets of factors."""
+        return float(scipy.special.logsumexp(self.evidence[:, 0]))
+
     def _all_and_without(self, each: Sequence[Any] | Array) -> Array:
         """(1 + m, ...) sums of what each manoeuvre has, of all manoeuvres and without each group."""
         parts = np.asarray(each)
