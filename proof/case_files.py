@@ -34,6 +34,8 @@ class Case:
     key : Key
     contribution : sequence of (n, 6) arrays
         Contribution of the effects to measured minus simulated, without noise, per recording; empty if not known.
+    of_each : sequence of sequences of (n, 6) arrays
+        The same for each effect of a pair, in the order of the key; empty otherwise.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Case:
     simulated: Mapping[str, Mapping[str, np.ndarray]]
     key: Key
     contribution: Sequence[np.ndarray] = ()
+    of_each: Sequence[Sequence[np.ndarray]] = ()
 
 
 def write_case(case: Case, folder: str | Path, key_folder: str | Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -45,6 +46,8 @@ class EffectKey(BaseModel):
         Values of the injected effect; the name gives the unit where it is not SI.
     intervals : mapping of recording to intervals [s], optional
         When it acts; None acts all the time.
+    log_evidence : float, optional
+        Of an effect of a pair: log Bayes factor of a perfect model of both against one of the other alone.
     """
 
     model_config = _FROZEN
@@ -56,6 +59,7 @@ class EffectKey(BaseModel):
     region: dict[str, tuple[float, float]] | None = None
     parameters: dict[str, float | str] = Field(default_factory=dict)
     intervals: Intervals | None = None
+    log_evidence: float | None = None
 
 
 class Key(BaseModel):
@@ -97,11 +101,13 @@ class Key(BaseModel):
     def _current_name(cls, source: str) -> str:
         return source.replace("own/", "polynomial/") if source.startswith("own/") else source
 
-    def with_log_evidence(self, value: float | None) -> Key:
-        """The key with a log evidence; where that is too small, "consistent" is right too."""
+    def with_log_evidence(self, value: float | None, of_each: Sequence[float] = ()) -> Key:
+        """The key with a log evidence, and that of each effect; where the first is too small, "consistent" is right."""
         decidable = value is None or value >= DECIDABLE or "consistent" in self.verdicts
         verdicts = self.verdicts if decidable else (*self.verdicts, "consistent")
-        return self.model_copy(update={"log_evidence": value, "verdicts": verdicts})
+        each = zip(self.effects, of_each)
+        effects = tuple(e.model_copy(update={"log_evidence": x}) for e, x in each) or self.effects
+        return self.model_copy(update={"log_evidence": value, "verdicts": verdicts, "effects": effects})
 
     @property
     def decided(self) -> bool:
@@ -109,6 +115,11 @@ class Key(BaseModel):
         if self.log_evidence is None:
             return self.severity in ("easy", "medium")
         return self.log_evidence >= DECIDABLE
+
+    @property
+    def each_decided(self) -> bool:
+        """Whether the data can distinguish each effect of a pair from the other and the stated tolerances."""
+        return all(e.log_evidence is not None and e.log_evidence >= DECIDABLE for e in self.effects)
 
     def write(self, path: str | Path) -> Path:
         """Write the key as JSON; a key that is there is replaced."""

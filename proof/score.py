@@ -85,6 +85,8 @@ class CaseScore:
         Something of the library was named where nothing of it can be right.
     both : bool, optional
         Each effect of a pair was named.
+    each_decided : bool
+        The data can decide each effect of a pair.
     gain : float, optional
         Fraction of the attainable fall of the held-out error that was reached.
     beyond : float, optional
@@ -114,6 +116,7 @@ class CaseScore:
     alarm: bool | None = None
     claimed: bool | None = None
     both: bool | None = None
+    each_decided: bool = False
     gain: float | None = None
     beyond: float | None = None
     claims: tuple[Claim, ...] = ()
@@ -251,6 +254,7 @@ def _named_right(findings: Sequence[Json], key: Key) -> dict[str, Any]:
     }
     if key.family == "pair":
         made["both"] = all(any(_right([effect_of(f)], e) for f in findings) for e in key.effects)
+        made["each_decided"] = key.each_decided
     return made
 
 

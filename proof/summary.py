@@ -176,6 +176,7 @@ def _of_names(named: Sequence[CaseScore], scores: Sequence[CaseScore]) -> list[F
         _rate("the same or a declared tie, where the data decide", (s.tie for s in decided), 0.95),
         _rate("right effect among three", (s.top3 for s in named), 0.98),
         _rate("both of a pair", (s.both for s in named), 0.85),
+        _rate("both of a pair, where the data decide each", (s.both for s in named if s.each_decided)),
         _rate("wrong among confidently named", (not c.right for c in sure), 0.02, "low"),
         _rate("false alarms on nulls", (s.alarm for s in scores), 0.02, "low"),
         _rate("outside the library, named", (s.claimed for s in scores if s.family == "outside"), 0.05, "low"),

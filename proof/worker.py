@@ -24,7 +24,7 @@ from structsel.recording import Recording, read_recordings
 def draw(request: str, folder: str) -> dict[str, Any]:
     """Draw a case and write it to ``folder/case/``, its key to ``folder/key/``."""
     from proof.case_files import write_case
-    from proof.detectability import log_evidence_of
+    from proof.detectability import log_evidence_of, log_evidence_of_each
     from proof.generate import draw_case
 
     asked = json.loads(request)
@@ -35,8 +35,9 @@ def draw(request: str, folder: str) -> dict[str, Any]:
         return {"undrawn": str(error)}
     case = replace(case, name=asked["name"])
     keys = Path(folder) / "key"
-    evidence = log_evidence_of(case, write_case(case, Path(folder) / "case", keys))
-    case.key.with_log_evidence(evidence).write(keys / f"{case.name}.json")
+    place = write_case(case, Path(folder) / "case", keys)
+    key = case.key.with_log_evidence(log_evidence_of(case, place), log_evidence_of_each(case, place))
+    key.write(keys / f"{case.name}.json")
     return {}
 
 

@@ -67,6 +67,12 @@ def test_the_evidence_rises_without_the_added_effect_and_not_without_another_eff
     assert compared.log_bayes_factor(truth, ["CX", "CZ", "Cm"]) > 30.0
     with pytest.raises(DataError, match="response 'CZ', which is not compared"):
         compared.log_bayes_factor(truth, ["Cm"])
+    # What another effect adds is subtracted first: with half of the truth known, the rest has less evidence than all.
+    half = {name: {"CZ": (t, 0.5 * x)} for name, held in truth.items() for t, x in held.values()}
+    assert 0.0 < compared.log_bayes_factor(half, known=half) < compared.log_bayes_factor(truth)
+    assert compared.log_bayes_factor({}, known=truth) == 0.0
+    with pytest.raises(DataError, match="recording 'm09', which is not compared"):
+        compared.log_bayes_factor(truth, known={"m09": {}})
 
 
 def test_an_effect_that_is_left_out_is_not_named(case):

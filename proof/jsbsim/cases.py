@@ -206,7 +206,7 @@ class CaseBuilder:
         size = max(gained.values(), default=0.0)
         severity = "none" if not self.effects else severity_of(size)
         severity = cast(Literal["easy", "medium", "hard", "none"], severity)
-        keyed = sorted((self._key(e, flights) for e in self.effects), key=lambda found: -found[0])
+        keyed = sorted(((*self._key(e, flights), e) for e in self.effects), key=lambda found: -found[0])
         keys = tuple(found[1] for found in keyed)
         if self.wind:
             keys = (
@@ -219,15 +219,21 @@ class CaseBuilder:
             attainable={a: max(0.0, v) for a, v in gained.items()}, effects=keys,
             source=f"jsbsim/{self.plant.name}", family=self.family, seed=self.seed,
         )  # fmt: skip
-        contribution = self._contribution(flights) if self.effects else ()
-        return Case(f"case-j{self.seed:05d}", stated, recordings, simulated, key, contribution=contribution)
+        contribution = self._contribution(flights, self.effects)
+        of_each = [self._contribution(flights, [e]) for *_, e in keyed] if self.family == "pair" else []
+        name = f"case-j{self.seed:05d}"
+        return Case(name, stated, recordings, simulated, key, contribution=contribution, of_each=of_each)
 
-    def _contribution(self, flights: Sequence[TruthFlight]) -> tuple[np.ndarray, ...]:
-        """Contribution (n, 6) of the effects to measured minus simulated, for instruments without noise."""
+    def _contribution(
+        self, flights: Sequence[TruthFlight], effects: Sequence[SelectedEffect]
+    ) -> tuple[np.ndarray, ...]:
+        """Contribution (n, 6) of some of the effects to measured minus simulated, for instruments without noise."""
+        if not effects:
+            return ()
         quiet = copy(self)
         quiet.instruments = replace(self.instruments, noise=dict.fromkeys(self.instruments.noise, 0.0), correlated=0.0)
-        found = quiet._residuals(flights, self.effects)
-        return tuple(x - quiet._perfect(f, k, self.effects) for k, (x, f) in enumerate(zip(found, flights)))
+        others = [e for e in self.effects if e not in effects]
+        return tuple(quiet._perfect(f, k, others) - quiet._perfect(f, k, self.effects) for k, f in enumerate(flights))
 
     def _recorded(self, readings: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Channels that the file has: a configuration that is unrecorded is left out."""

@@ -176,14 +176,14 @@ def assemble(
         family=family,
         seed=scenario.seed,
     )  # type: ignore[arg-type]
+    shown = any(a in AXES for e in effects for a in e.axes)  # an effect on velocities changes no coefficient
     return Case(
         f"case-{scenario.seed:05d}",
         scenario.aircraft,
         recordings_of(scenario, result),
         simulated,
         key,
-        # An effect that shows in velocities only does not change the coefficients.
-        contribution=contribution_of(scenario, result) if any(a in AXES for e in effects for a in e.axes) else (),
+        contribution=contribution_of(scenario, result.injection) if shown else (),
     )
 
 

@@ -18,7 +18,14 @@ from proof.polynomial.assembly import assemble, describe, make_single, make_wind
 from proof.polynomial.effects import Effect, EffectDesign, Injection
 from proof.polynomial.effects_declared import declared_effect
 from proof.polynomial.scenario import Scenario, draw_scenario
-from proof.polynomial.simulate import AIMED, ScenarioResult, effect_context, scale_effect, simulate_scenario
+from proof.polynomial.simulate import (
+    AIMED,
+    ScenarioResult,
+    contribution_of,
+    effect_context,
+    scale_effect,
+    simulate_scenario,
+)
 from proof.polynomial.single_channel import SINGLE_CHANNEL, make_single_channel
 from proof.polynomial.terms import AXES
 from proof.scenario.declared import DeclaredEffect
@@ -168,4 +175,10 @@ def _several(
     if max(result.attainable.values()) < 0.05:
         raise NotAttainable("they hide each other")
     keys = [describe(e, c, injection, alone) for e, c, injection, alone in parts]
-    return assemble(scenario, result, form, keys, severity_of(max(result.attainable.values())), family)
+    case = assemble(scenario, result, form, keys, severity_of(max(result.attainable.values())), family)
+    if family == "pair" and case.contribution:
+        # To first order: the other effect alone also moves the aircraft otherwise.
+        others = [contribution_of(scenario, injection) for _, _, injection, _ in reversed(parts)]
+        of_each = tuple(tuple(x - y for x, y in zip(case.contribution, other)) for other in others)
+        return replace(case, of_each=of_each)
+    return case

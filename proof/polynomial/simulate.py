@@ -178,9 +178,9 @@ def _measured_ideally(
     return measured
 
 
-def contribution_of(scenario: Scenario, result: ScenarioResult) -> tuple[np.ndarray, ...]:
-    """Contribution (n, 6) of the effects to measured minus simulated, for instruments without noise."""
-    return tuple(simulate_scenario(replace(scenario, noise=dict.fromkeys(scenario.noise, 0.0)), result.injection).delta)
+def contribution_of(scenario: Scenario, injection: Injection) -> tuple[np.ndarray, ...]:
+    """Contribution (n, 6) of effects to measured minus simulated, for instruments without noise."""
+    return tuple(simulate_scenario(replace(scenario, noise=dict.fromkeys(scenario.noise, 0.0)), injection).delta)
 
 
 def scale_effect(

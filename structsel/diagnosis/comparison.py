@@ -25,6 +25,9 @@ from structsel.numerics.evidence import Base
 from structsel.numerics.fourier_series import spectrum
 from structsel.recording import Recording
 
+Contribution = Mapping[str, Mapping[str, tuple[Array, Array]]]
+"""Recording to response to (t, values): what effects add to measured less simulated."""
+
 
 @dataclass(frozen=True, eq=False)
 class EffectSignature:
@@ -107,7 +110,11 @@ class EffectComparison:
             return with_proposals(library, self._parts, tolerances_of(self._parts))
 
     def log_bayes_factor(
-        self, contribution: Mapping[str, Mapping[str, tuple[Array, Array]]], responses: Sequence[str] | None = None
+        self,
+        contribution: Contribution,
+        responses: Sequence[str] | None = None,
+        *,
+        known: Contribution | None = None,
     ) -> float:
         """Log evidence of the differences less a given contribution, minus that of the differences as they are.
 
@@ -120,6 +127,8 @@ class EffectComparison:
             What an effect adds to measured less simulated: (k,) times [s] and values in the unit of the response.
         responses : sequence of str, optional
             Those that are compared; by default all, and an effect adds nothing to those without a contribution.
+        known : mapping as `contribution`, optional
+            What other effects add; it is subtracted first.
 
         Returns
         -------
@@ -134,14 +143,15 @@ class EffectComparison:
         """
         from threadpoolctl import threadpool_limits
 
-        unknown = [f"recording '{name}'" for name in contribution if name not in self.t]
+        given = [contribution, known or {}]
+        unknown = [f"recording '{name}'" for one in given for name in one if name not in self.t]
         wanted = self.responses if responses is None else tuple(responses)
         unknown += [f"response '{c}'" for c in wanted if c not in self.responses]
-        unknown += [f"response '{c}'" for held in contribution.values() for c in held if c not in wanted]
+        unknown += [f"response '{c}'" for one in given for held in one.values() for c in held if c not in wanted]
         if unknown:
             raise DataError(f"a contribution is given for {unknown[0]}, which is not compared.")
         with threadpool_limits(1):
-            flights = [_only(f, wanted) for f in self._flights]
+            flights = [_less(_only(f, wanted), (known or {}).get(f.name, {})) for f in self._flights]
             explained = DiagnosisProblem.set_up([_less(f, contribution.get(f.name, {})) for f in flights], ())
             rows = [replace(r, flight=f).difference() for r, f in zip(explained.rows, flights)]
             base = explained.base

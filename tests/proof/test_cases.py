@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from proof import EffectKey, Key, write_case
-from proof.detectability import log_evidence_of
+from proof.detectability import log_evidence_of, log_evidence_of_each
 from proof.generate import draw_case, drawable
 from proof.keys import DECIDABLE
 from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
@@ -269,6 +269,32 @@ def test_a_case_is_decided_by_the_effect_relative_to_the_tolerances(tmp_path):
     half = replace(case, contribution=[0.5 * x for x in case.contribution])
     assert 0.0 < log_evidence_of(half, folder) < value
     assert log_evidence_of(replace(case, contribution=()), folder) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", ["polynomial", "jsbsim"])
+def test_what_the_effects_of_a_pair_add_is_about_their_sum_and_each_has_its_own_evidence(tmp_path, source):
+    case = draw_case(61300, family="pair", source=source)
+    first, second = (np.concatenate(added) for added in case.of_each)
+    both = np.concatenate(case.contribution)
+    assert np.sqrt(np.mean((first + second - both) ** 2)) < 0.1 * np.sqrt(np.mean(both**2))
+    folder = write_case(case, tmp_path / "cases", tmp_path / "keys")
+    of_each = log_evidence_of_each(case, folder)
+    assert max(of_each) < log_evidence_of(case, folder)  # the other effect explains a part
+    nothing = replace(case, of_each=[case.contribution, [np.zeros_like(x) for x in case.contribution]])
+    alone, zero = log_evidence_of_each(nothing, folder)
+    assert_allclose((alone, zero), (log_evidence_of(case, folder), 0.0), atol=1e-6)
+    assert log_evidence_of_each(replace(case, of_each=()), folder) == []
+
+
+def test_a_pair_is_decided_where_the_data_show_each_effect_beside_the_other():
+    effects = tuple(EffectKey(effect=e, accept=(e,), kinds=("inertial",), axes=("CZ",)) for e in ("slosh", "cg-shift"))
+    key = Key(verdicts=("mismatch",), form="forced", severity="easy", attainable={"CZ": 0.4}, effects=effects)
+    assert not key.each_decided  # not known
+    for of_each, decided in (((50.0, DECIDABLE + 1.0), True), ((50.0, DECIDABLE - 1.0), False)):
+        found = key.with_log_evidence(80.0, of_each)
+        assert [e.log_evidence for e in found.effects] == list(of_each)
+        assert found.each_decided is decided
 
 
 def test_where_the_truth_brings_too_little_consistent_is_right_as_well():

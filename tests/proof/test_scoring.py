@@ -273,14 +273,16 @@ def test_each_figure_counts_the_cases_that_speak_of_it():
         a_score(3, family="outside", truth="unknown", named="unknown", claimed=False),
         a_score(4, family="without", claimed=True),
         a_score(5, family="pair", both=False, top1=True),
+        a_score(6, family="pair", both=True, top1=True, each_decided=True),
     ]
     summary = summarise(scores)
     counted = {f.name: (f.value, f.of) for f in summary.figures}
-    assert counted["right effect first"] == (1.0, 2)
+    assert counted["right effect first"] == (1.0, 3)
     assert counted["false alarms on nulls"] == (0.5, 2)
     assert counted["outside the library, named"] == (0.0, 1)
     assert counted["without the true hypothesis, named"] == (1.0, 1)
-    assert counted["both of a pair"] == (0.0, 1)
+    assert counted["both of a pair"] == (0.5, 2)
+    assert counted["both of a pair, where the data decide each"] == (1.0, 1)
     assert counted["error of parameters, median"] == (0.04, 2)
     assert counted["truth within 90 % intervals"] == (1.0, 1)
     assert summary["truth within 90 % intervals"].met is False  # too wide is missed as well
