@@ -105,8 +105,9 @@ class Key(BaseModel):
         """The key with a log evidence, and that of each effect; where the first is too small, "consistent" is right."""
         decidable = value is None or value >= DECIDABLE or "consistent" in self.verdicts
         verdicts = self.verdicts if decidable else (*self.verdicts, "consistent")
-        each = zip(self.effects, of_each)
-        effects = tuple(e.model_copy(update={"log_evidence": x}) for e, x in each) or self.effects
+        effects = self.effects
+        if of_each:
+            effects = tuple(e.model_copy(update={"log_evidence": x}) for e, x in zip(effects, of_each, strict=True))
         return self.model_copy(update={"log_evidence": value, "verdicts": verdicts, "effects": effects})
 
     @property

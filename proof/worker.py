@@ -24,7 +24,7 @@ from structsel.recording import Recording, read_recordings
 def draw(request: str, folder: str) -> dict[str, Any]:
     """Draw a case and write it to ``folder/case/``, its key to ``folder/key/``."""
     from proof.case_files import write_case
-    from proof.detectability import log_evidence_of, log_evidence_of_each
+    from proof.detectability import log_evidence_of
     from proof.generate import draw_case
 
     asked = json.loads(request)
@@ -36,8 +36,7 @@ def draw(request: str, folder: str) -> dict[str, Any]:
     case = replace(case, name=asked["name"])
     keys = Path(folder) / "key"
     place = write_case(case, Path(folder) / "case", keys)
-    key = case.key.with_log_evidence(log_evidence_of(case, place), log_evidence_of_each(case, place))
-    key.write(keys / f"{case.name}.json")
+    case.key.with_log_evidence(*log_evidence_of(case, place)).write(keys / f"{case.name}.json")
     return {}
 
 

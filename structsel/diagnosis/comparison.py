@@ -143,7 +143,8 @@ class EffectComparison:
         """
         from threadpoolctl import threadpool_limits
 
-        given = [contribution, known or {}]
+        known = known or {}
+        given = (contribution, known)
         unknown = [f"recording '{name}'" for one in given for name in one if name not in self.t]
         wanted = self.responses if responses is None else tuple(responses)
         unknown += [f"response '{c}'" for c in wanted if c not in self.responses]
@@ -151,7 +152,7 @@ class EffectComparison:
         if unknown:
             raise DataError(f"a contribution is given for {unknown[0]}, which is not compared.")
         with threadpool_limits(1):
-            flights = [_less(_only(f, wanted), (known or {}).get(f.name, {})) for f in self._flights]
+            flights = [_less(_only(f, wanted), known.get(f.name, {})) for f in self._flights]
             explained = DiagnosisProblem.set_up([_less(f, contribution.get(f.name, {})) for f in flights], ())
             rows = [replace(r, flight=f).difference() for r, f in zip(explained.rows, flights)]
             base = explained.base

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from proof import EffectKey, Key, write_case
-from proof.detectability import log_evidence_of, log_evidence_of_each
+from proof.detectability import log_evidence_of
 from proof.generate import draw_case, drawable
 from proof.keys import DECIDABLE
 from proof.polynomial.aircraft import AIRCRAFT_NAMES, truth_aircraft
@@ -262,13 +262,13 @@ def test_the_aircraft_of_a_case_is_written_with_six_digits(tmp_path):
 def test_a_case_is_decided_by_the_effect_relative_to_the_tolerances(tmp_path):
     case = draw_case(5, effect="ground-effect", severity="easy")
     folder = write_case(case, tmp_path / "cases", tmp_path / "keys")
-    value = log_evidence_of(case, folder)
+    value = log_evidence_of(case, folder)[0]
     assert value > DECIDABLE
     nothing = replace(case, contribution=[np.zeros_like(x) for x in case.contribution])
-    assert_allclose(log_evidence_of(nothing, folder), 0.0, atol=1e-6)
+    assert_allclose(log_evidence_of(nothing, folder)[0], 0.0, atol=1e-6)
     half = replace(case, contribution=[0.5 * x for x in case.contribution])
-    assert 0.0 < log_evidence_of(half, folder) < value
-    assert log_evidence_of(replace(case, contribution=()), folder) is None
+    assert 0.0 < log_evidence_of(half, folder)[0] < value
+    assert log_evidence_of(replace(case, contribution=()), folder) == (None, [])
 
 
 @pytest.mark.slow
@@ -279,12 +279,11 @@ def test_what_the_effects_of_a_pair_add_is_about_their_sum_and_each_has_its_own_
     both = np.concatenate(case.contribution)
     assert np.sqrt(np.mean((first + second - both) ** 2)) < 0.1 * np.sqrt(np.mean(both**2))
     folder = write_case(case, tmp_path / "cases", tmp_path / "keys")
-    of_each = log_evidence_of_each(case, folder)
-    assert max(of_each) < log_evidence_of(case, folder)  # the other effect explains a part
+    value, of_each = log_evidence_of(case, folder)
+    assert max(of_each) < value  # the other effect explains a part
     nothing = replace(case, of_each=[case.contribution, [np.zeros_like(x) for x in case.contribution]])
-    alone, zero = log_evidence_of_each(nothing, folder)
-    assert_allclose((alone, zero), (log_evidence_of(case, folder), 0.0), atol=1e-6)
-    assert log_evidence_of_each(replace(case, of_each=()), folder) == []
+    assert_allclose(log_evidence_of(nothing, folder)[1], (value, 0.0), atol=1e-6)
+    assert log_evidence_of(replace(case, of_each=()), folder) == (value, [])
 
 
 def test_a_pair_is_decided_where_the_data_show_each_effect_beside_the_other():
