@@ -24,7 +24,7 @@ from structsel.diagnosis.ranking import Ranking, with_detection
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.unattributed import detected
 from structsel.diagnosis.unknown_function import features, log_bayes_beyond_form
-from structsel.diagnosis.weighing import FEATURES, CandidateEffect, log_bayes
+from structsel.diagnosis.weighing import CandidateEffect, log_bayes
 from tests.benchmark_modules import load_benchmark
 from tests.models import model_of
 from tests.noisy_flights import AIRCRAFT, TRUTH, flights_with, fly, ready, tried
@@ -185,7 +185,7 @@ def test_names_share_the_probability_of_what_was_detected(unsure):
 
 
 def test_an_effect_with_as_much_evidence_as_what_was_detected_shares_what_is_unknown(unsure):
-    candidates = CandidateEffect(unsure(detection(0.0)).others[0], np.zeros(len(FEATURES)))
+    candidates = CandidateEffect(np.zeros(6), score=unsure(detection(0.0)).others[0])
     evidence = log_bayes(candidates.score)
     for above, share in ((0.0, 0.5), (50.0, 0.0), (-50.0, 1.0)):
         seen = detection(0.0)

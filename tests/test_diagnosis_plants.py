@@ -112,7 +112,7 @@ def test_friction_is_found_in_the_force_that_a_motion_needs_and_in_what_accelera
     found = diagnose(*case(joint(0.06, simulated)))
     (finding,) = found.findings
     (physics,) = [p for p in finding.physics if p.effect == "friction"]
-    assert physics.probability > 0.95
+    assert physics.probability > 0.9
     assert physics.parameters["force"].value == pytest.approx(size, rel=0.05)
     assert finding.bars[simulated].physics.rrmse < 0.2 * finding.bars[simulated].refitted.rrmse
 

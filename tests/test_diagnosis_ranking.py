@@ -7,14 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from structsel.diagnosis import members, ranking, weighing
+from structsel.diagnosis import members, ranking
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.diagnose import unpredicted
+from structsel.diagnosis.effect_probability import further_probabilities
 from structsel.diagnosis.notes import notes
 from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.signatures import Library
-from structsel.diagnosis.weighing import FEATURES, CandidateEffect
+from structsel.diagnosis.weighing import CandidateEffect
 from structsel.numerics.evidence import Base
 from structsel.recording import Recording
 from tests.noisy_flights import flights_with, fly, ready, tried
@@ -25,7 +26,7 @@ def test_an_effect_in_several_places_is_one_hypothesis(monkeypatch):
         left = iter(effects)
         monkeypatch.setattr(ranking, "score_all", lambda *_: [])
         monkeypatch.setattr(ranking, "candidate_effects", lambda *_: [likely(next(left))])
-        monkeypatch.setattr(ranking, "first_probabilities", lambda candidates, _: weighing.probabilities(candidates))
+        monkeypatch.setattr(ranking, "first_probabilities", lambda those, _: further_probabilities(those))
         monkeypatch.setattr(ranking, "white_fraction", lambda _: 0.0)
         plant = SimpleNamespace(channels={})
         problem = SimpleNamespace(accepted=(), flights=(plant,), nuisances=(), with_effects=lambda *_: problem)
@@ -39,7 +40,7 @@ def test_an_effect_in_several_places_is_one_hypothesis(monkeypatch):
 def likely(effect):
     """An effect that is certain."""
     score = SimpleNamespace(effect=effect, signature=None, input_only=True)
-    return CandidateEffect(score, np.where(np.array(FEATURES) == "event", 0.0, 10.0))
+    return CandidateEffect(np.array([9.0, 9.0, 9.0, 0.0, 0.0, 1.0]), score=score)
 
 
 def test_an_effect_that_leaves_much_of_its_own_responses_has_a_warning_and_one_that_explains_them_has_none():

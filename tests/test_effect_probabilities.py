@@ -1,5 +1,6 @@
 """Probabilities of effects: the formula, the weights of the evidence, and the fit of the weights."""
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,31 +8,38 @@ import numpy as np
 import pytest
 from scipy.fft import dct
 from scipy.optimize import brentq
-from scipy.special import logit, softmax
-from statsmodels.discrete.conditional_models import ConditionalLogit
+from scipy.special import expit, logit, softmax
+from statsmodels.discrete.discrete_model import Logit
 
-from proof import calibrate
-from structsel.diagnosis import judging, scoring, size_evidence, weighing
+from proof import calibrate, write_case
+from proof.generate import draw_case
+from proof.worker import open_case
+from structsel.diagnosis import diagnose, judging, scoring, size_evidence, weighing
+from structsel.diagnosis.effect_probability import (
+    AGAINST,
+    COLOURED,
+    FEATURES,
+    IDENTIFIED,
+    WEIGHTS,
+    EffectEvidence,
+    coloured,
+    first_probabilities,
+    further_probabilities,
+)
 from structsel.diagnosis.members import Member, mean_gains
 from structsel.diagnosis.size_evidence import beyond_form, jackknifed
 from structsel.effects.base import EffectParameter
 from structsel.numerics.evidence import Trial
 
 
-def test_probabilities_are_a_softmax_with_nothing_among_the_choices():
-    rng = np.random.default_rng(1)
-    x = rng.normal(size=(3, len(weighing.FEATURES)))
-
-    def asked(kind="static", input_only=None):
-        return SimpleNamespace(input_only=input_only, hypothesis=SimpleNamespace(kind=kind))
-
-    p = weighing.probabilities(
-        [weighing.CandidateEffect(s, row) for s, row in zip((asked(input_only=1), asked("atmospheric")), x)]
-    )
-    assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING + x[:2] @ weighing.WEIGHTS)]))
-    p = weighing.probabilities([weighing.CandidateEffect(asked(), row) for row in x])
-    assert p == pytest.approx(softmax([0.0, *(weighing.NOTHING_UNTESTED + x @ weighing.WEIGHTS_UNTESTED)]))
-    assert weighing.probabilities([]) == pytest.approx([1.0])
+def test_a_mismatch_is_as_probable_as_its_best_effect_alone_and_the_names_share_that():
+    x, priors = np.random.default_rng(1).uniform(size=(3, len(FEATURES))), np.array([0.0, -1.0, 2.0])
+    p = further_probabilities([EffectEvidence(row, lead_alone=0.5, log_prior=prior) for row, prior in zip(x, priors)])
+    alone = x.copy()
+    alone[:, FEATURES.index("ahead")], alone[:, FEATURES.index("behind")] = 0.5, 0.0
+    assert p[0] == pytest.approx(expit(-(WEIGHTS[0] + alone @ WEIGHTS[1:]).max()))
+    assert p[1:] == pytest.approx((1.0 - p[0]) * softmax(x @ WEIGHTS[1:] + priors))
+    assert further_probabilities([]) == pytest.approx([1.0])
 
 
 def scored(with_effect, delivered, kind="atmospheric", input_only=None, unconfirmed_weight=0.0):
@@ -59,63 +67,56 @@ def test_an_effect_no_larger_than_the_form_of_an_identified_simulation_leaves_is
     assert beyond_form(without, problem) == np.inf
 
 
+def features(**given):
+    return np.array([given.get(name, 0.0) for name in FEATURES])
+
+
 def test_of_an_identified_simulation_the_same_evidence_is_worth_less():
-    x = np.zeros(len(weighing.FEATURES))
-    stated, identified = (
-        weighing.CandidateEffect(scored(900.0, 900.0), x, identified=flag).log_odds for flag in (False, True)
-    )
-    assert stated - identified == pytest.approx(weighing.IDENTIFIED)
+    stated, identified = (EffectEvidence(features(), identified=flag).log_odds for flag in (False, True))
+    assert stated - identified == pytest.approx(IDENTIFIED)
 
 
 def test_a_mismatch_that_two_effects_explain_alike_is_as_probable_as_with_one():
-    x = np.zeros(len(weighing.FEATURES))
-    x[weighing.FEATURES.index("takes")] = 1.0
-    x[weighing.FEATURES.index("takes there")] = 1.0
-    x[weighing.FEATURES.index("level")] = 1.0
-    one = weighing.CandidateEffect(scored(900.0, 900.0), x)
-    alone, pair = weighing.first_probabilities([one], 0.0), weighing.first_probabilities([one, one], 0.0)
+    one = EffectEvidence(features(takes=1.0, level=1.0))
+    alone, pair = first_probabilities([one], 0.0), first_probabilities([one, one], 0.0)
     assert alone[0] < 0.2
     assert pair == pytest.approx([alone[0], 0.5 * alone[1], 0.5 * alone[1]])
-    unconfirmed = weighing.CandidateEffect(scored(900.0, 900.0, "static"), x)  # its alternatives count against it
-    assert unconfirmed.log_odds_alone == unconfirmed.log_odds
+    unconfirmed = replace(one, is_tested=False)  # its alternatives count against it
+    assert unconfirmed.log_odds_alone == unconfirmed.log_odds < one.log_odds_alone
 
 
 def test_evidence_counts_as_far_as_what_is_left_is_white_noise():
-    one = weighing.CandidateEffect(scored(100.0, 0.0), np.zeros(len(weighing.FEATURES)))
+    one = EffectEvidence(features(), lead_alone=0.0, log_bayes=100.0)
     even = brentq(lambda white: white * (1.0 - (1.0 - white) ** 16) - 0.32, 0.2, 0.9)
     assert even == pytest.approx(0.32, abs=0.005)
-    p = [weighing.first_probabilities([one], white)[1] for white in (0.0, even, 1.0)]
+    p = [first_probabilities([one], white)[1] for white in (0.0, even, 1.0)]
     assert p[0] < 0.1
     assert p[1:] == pytest.approx([0.5, 1.0], abs=1e-6)
-    assert weighing.first_probabilities([], 1.0) == pytest.approx([1.0])
+    assert first_probabilities([], 1.0) == pytest.approx([1.0])
 
 
-def test_where_no_noise_is_white_a_mismatch_is_less_probable():
-    x = np.zeros(len(weighing.FEATURES))
-    x[weighing.FEATURES.index("takes")] = 1.0
-    one = weighing.CandidateEffect(scored(0.0, 900.0), x, gain=0.0)
-    lost = [logit(weighing.first_probabilities([one], white)[1]) - one.log_odds_alone for white in (0.0, 0.1, 0.5)]
-    assert lost == sorted(lost)
-    assert lost[0] == pytest.approx(-3.0)
-    assert abs(lost[-1]) < 0.02
-    for changed in (replace(one, gain=0.5), replace(one, max_log_odds=400.0)):
-        assert logit(weighing.first_probabilities([changed], 0.0)[1]) - one.log_odds_alone == pytest.approx(-1.5)
-    assert logit(weighing.first_probabilities([one], None)[1]) == pytest.approx(one.log_odds_alone)  # without forces
+def test_where_no_noise_is_white_a_mismatch_is_less_probable_and_the_names_are_the_same():
+    def probabilities(white):
+        first, second = (features(takes=x, behind=x - 1.0) for x in (1.0, -1.0))
+        untested = EffectEvidence(second, is_tested=False)
+        return first_probabilities([EffectEvidence(first, coloured=coloured(white)), untested], white)
+
+    some = [probabilities(white) for white in (0.0, 0.1, 0.5, 1.0)]
+    odds = [logit(1.0 - p[0]) for p in some]
+    assert odds == sorted(odds)
+    assert odds[-1] - odds[0] == pytest.approx(COLOURED)
+    assert all(p[1] / p[2] == pytest.approx(some[0][1] / some[0][2]) for p in some)
+    assert coloured(None) == 0.0  # without forces
 
 
 def test_an_effect_whose_size_no_two_flights_agree_on_is_not_probable():
-    one = weighing.CandidateEffect(scored(0.0, 9e9), np.full(len(weighing.FEATURES), 9.0))
-    assert weighing.first_probabilities([one], 1.0)[1] > 0.99
-    assert weighing.first_probabilities([replace(one, max_log_odds=-2.0)], 1.0)[1] == pytest.approx(
-        1.0 / (1.0 + np.exp(2.0))
-    )
+    one = EffectEvidence(features(takes=9.0, level=9.0))
+    assert first_probabilities([one], 1.0)[1] > 0.99
+    assert first_probabilities([replace(one, max_log_odds=-2.0)], 1.0)[1] == pytest.approx(1.0 / (1.0 + np.exp(2.0)))
 
 
-def test_a_feature_in_favour_of_an_effect_has_a_positive_weight():
-    weights = dict(zip(weighing.FEATURES, weighing.WEIGHTS))
-    assert all(
-        weights[name] > 0.0 for name in ("ahead", "ahead alone", "takes", "takes there", "level", "own", "prior")
-    )
+def test_each_feature_has_the_sign_that_it_must_have():
+    assert all((w < 0.0) == (name in AGAINST) for name, w in zip(FEATURES, WEIGHTS[1:]))
 
 
 def test_evidence_that_tolerances_can_absorb_does_not_count_once_something_was_found():
@@ -219,34 +220,29 @@ def test_the_jackknife_of_a_mean_is_its_standard_error():
     assert jackknifed(without[:1]) == pytest.approx([0.0])
 
 
-def test_weights_are_those_of_statsmodels_conditional_logit():
+def test_weights_of_searches_with_one_candidate_are_those_of_a_logistic_regression():
     rng = np.random.default_rng(4)
-    truth, count = np.array([-1.0, 2.0, 0.5]), 300
-    rounds, x, y, group = [], [], [], []
-    for i in range(count):
-        features = rng.normal(size=(int(rng.integers(1, 5)), 2))
-        seen = np.column_stack([np.ones(len(features)), features])
-        chosen = int(rng.choice(1 + len(features), p=softmax([0.0, *(seen @ truth)])))
-        rows = [{"right": k + 1 == chosen, "features": list(f)} for k, f in enumerate(features)]
-        rounds.append({"case": str(i), "rows": rows})
-        x += [np.zeros(3), *seen]
-        y += [k == chosen for k in range(1 + len(features))]
-        group += [i] * (1 + len(features))
-    X, there, right = (padded[..., :2] if padded.ndim == 3 else padded for padded in padded_of(rounds))
-    found = calibrate.fit(X, there, right, mild=0.0)
-    theirs = ConditionalLogit(np.array(y, dtype=float), np.array(x), groups=np.array(group)).fit(disp=0)
-    assert found == pytest.approx(theirs.params, abs=2e-3)
-    assert found == pytest.approx(truth, abs=0.5)
+    x = np.column_stack([np.ones(300), rng.uniform(size=(300, 2))])
+    y = rng.uniform(size=300) < expit(x @ [-2.0, 3.0, 1.5])
+    rounds = []
+    for (_, ahead, takes), right in zip(x, y):
+        evidence = {"features": features(ahead=ahead, takes=takes).tolist(), "lead_alone": ahead}
+        rows = [{"right": bool(right), "evidence": evidence}]
+        rounds.append({"case": "", "round": 1, "white": None, "rows": rows})
+    found = calibrate.fit(rounds, mild=0.0)
+    assert found[:3] == pytest.approx(Logit(y, x).fit(disp=0).params, abs=2e-3)
 
 
-def padded_of(rounds):
-    """Two features, padded as the script does."""
-    names = calibrate.weighing.FEATURES
-    wide = [
-        {**r, "rows": [{**row, "features": [*row["features"], *[0.0] * (len(names) - 2)]} for row in r["rows"]]}
-        for r in rounds
-    ]
-    return calibrate.padded(wide)
+@pytest.mark.slow
+def test_what_is_collected_of_a_case_gives_the_probabilities_that_the_diagnosis_states(tmp_path):
+    case = draw_case(60004, effect="cg-shift", severity="easy")
+    write_case(case, tmp_path / "cases", tmp_path / "keys")
+    found = [json.loads(json.dumps(one)) for one in calibrate.collect(tmp_path, case.name)]
+    assert [one["round"] for one in found] == [0, 1]
+    right = [p for p, hit in zip(calibrate.stated(found[0], WEIGHTS), calibrate.right_of(found[0])) if hit]
+    named = diagnose(*open_case(tmp_path / "cases" / case.name)).findings[0]
+    assert named.effect == "cg-shift"
+    assert named.physics[0].probability == pytest.approx(sum(right), abs=0.05)
 
 
 @pytest.mark.parametrize(

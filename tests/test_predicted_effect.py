@@ -16,7 +16,7 @@ from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.ranking import with_detection
 from structsel.diagnosis.scoring import score_all
-from structsel.diagnosis.weighing import FEATURES, CandidateEffect
+from structsel.diagnosis.weighing import CandidateEffect
 from tests.noisy_flights import flights_with, tried
 
 SPEEDS = {"speeds": (40.0, 45.0, 50.0, 55.0), "h": (1000.0,) * 4}
@@ -30,7 +30,7 @@ def correct():
 def candidate(flights, effect="missing-term"):
     problem, library = tried(flights, effect)
     (score,) = (one for one in score_all(problem, library) if one.effect == effect)
-    return CandidateEffect(score, np.zeros(len(FEATURES)))
+    return CandidateEffect(np.zeros(6), score=score)
 
 
 def test_the_evidence_of_columns_is_that_of_linear_regression_with_independent_coefficients(correct):

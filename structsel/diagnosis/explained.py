@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,14 +21,13 @@ class Taken:
 
     Attributes
     ----------
-    moving, there, level : float
-        Of all but the constant part; of the samples at which the effect acts; of the constant part.
+    moving, level : float
+        Of all but the constant part; of the constant part.
     judged_there : float
-        As `there`, without the kinematic residuals.
+        Of the samples at which the effect acts, in the responses by which effects are judged.
     """
 
     moving: float
-    there: float
     level: float
     judged_there: float
 
@@ -37,29 +36,17 @@ class Taken:
         """Fractions of an effect, from problems without and with it."""
         predicted, where = judged_on(one)
         before, after = (judging.excess(b, predicted, where) for b in (without, extended))
-        there = fractions_there(one, without, extended)
+        there = judging.excess_where_moved(without, extended, predicted, where)
         return cls(
             max(explained_fraction(before[c][0], after[c][0], SLIGHT) for c in before),
-            max(there.values(), default=0.0),
             max(explained_fraction(before[c][1], after[c][1], _CONSTANT) for c in extended.judged_responses),
-            largest(there, extended),
+            max((explained_fraction(*there[c], SLIGHT) for c in extended.judged_responses if c in there), default=0.0),
         )
 
 
 def judged_on(one: EffectScore) -> tuple[bool, Collection[str] | None]:
     """Whether an effect is judged by its prediction from other flights, and the flights that count."""
     return (False, one.signature.flights) if one.event else (True, None)
-
-
-def fractions_there(one: EffectScore, without: DiagnosisProblem, extended: DiagnosisProblem) -> dict[str, float]:
-    """Fraction explained of the samples at which an effect acts, for each response on which it acts."""
-    acting = judging.excess_where_moved(without, extended, *judged_on(one))
-    return {c: explained_fraction(b, a, SLIGHT) for c, (b, a) in acting.items()}
-
-
-def largest(fractions: Mapping[str, float], problem: DiagnosisProblem) -> float:
-    """Largest value of the responses by which effects are judged."""
-    return max((fractions[c] for c in problem.judged_responses if c in fractions), default=0.0)
 
 
 def explained_fraction(before: float, after: float, slight: float) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import softmax
 
 from structsel.diagnosis.detection import SCALE, Detection
+from structsel.diagnosis.effect_probability import distribution, first_probabilities, further_probabilities
 from structsel.diagnosis.input_response import InputDrivenMotion
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.residuals import white_fraction
@@ -16,13 +17,7 @@ from structsel.diagnosis.result import UNNAMED
 from structsel.diagnosis.scoring import EffectScore, score_all
 from structsel.diagnosis.signatures import Library
 from structsel.diagnosis.switching import refine, with_proposals
-from structsel.diagnosis.weighing import (
-    CandidateEffect,
-    candidate_effects,
-    first_probabilities,
-    log_bayes,
-    probabilities,
-)
+from structsel.diagnosis.weighing import CandidateEffect, candidate_effects, log_bayes
 from structsel.numerics.arrays import Array
 
 MAX_EFFECTS = 4
@@ -142,7 +137,7 @@ def rank(
         scores, candidates = search_effects(problem, library, motion)
         if steps:
             candidates = [one for one in candidates if one.lowers]
-            p = _by_name(candidates, probabilities(candidates))
+            p = _by_name(candidates, further_probabilities(candidates))
         else:
             p = _by_name(candidates, first_probabilities(candidates, white_fraction(problem)))
             if 1.0 - p["nothing"] < NAMED and ask is not None and (seen := ask(scores, candidates)) is not None:
@@ -227,7 +222,7 @@ def with_detection(
         largest = max(largest, seen.predicted.log_bayes)
     exceeded = seen.tolerances[0].log_bayes if seen.tolerances else -np.inf
     of_effects, of_tolerances, _ = beyond * softmax(np.array([largest, exceeded, seen.log_bayes]) / SCALE)
-    for one, fraction in zip(candidates, softmax([one.log_odds for one in candidates]) if candidates else ()):
+    for one, fraction in zip(candidates, distribution(candidates) if candidates else ()):
         made[one.effect] += float(of_effects * fraction)
     for effect, fraction in seen.by_effect(named).items():
         made[effect] = made.get(effect, 0.0) + float(of_tolerances * fraction)

@@ -42,8 +42,6 @@ class EffectScore:
         minus the log of the number of event times and of manoeuvres that were searched.
     best : int
         The form that is judged: the most probable, or the one that replaces tolerances best.
-    own : float
-        Log evidence of that form alone, minus the log of the number of forms.
     input_only : EffectScore, optional
         Evidence of that form on the response to the recorded inputs.
     unconfirmed_weight : float
@@ -58,7 +56,6 @@ class EffectScore:
     predictive: Array
     within: float
     best: int
-    own: float
     input_only: EffectScore | None = None
     unconfirmed_weight: float = 0.0
 
@@ -102,28 +99,23 @@ def score(
     """Score of one hypothesis from the trials of its forms."""
     within = np.array([_limited(s, t) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within
-    log_forms = np.log(len(forms))
     log_weights = evidence - scipy.special.logsumexp(evidence)
     # Weights of the forms, computed from the other flights only.
     ahead = np.array([t.predictive for t in trials])
     without = evidence[:, None] - ahead
     without = without - scipy.special.logsumexp(without, axis=0)
     predictive = scipy.special.logsumexp(without + ahead, axis=0)
-    total = float(scipy.special.logsumexp(evidence) - log_forms)
+    total = float(scipy.special.logsumexp(evidence) - np.log(len(forms)))
     reduction = _reductions(problem, trials)
     best = int(np.argmax(evidence + reduction))
     return EffectScore(
-        hypothesis, tuple(forms), tuple(trials), log_weights, total, predictive, float(within[best]), best,
-        float(evidence[best] - log_forms),
-    )  # fmt: skip
+        hypothesis, tuple(forms), tuple(trials), log_weights, total, predictive, float(within[best]), best
+    )
 
 
 def judged_by(score: EffectScore, form: int) -> EffectScore:
     """The score, judged by another of its forms."""
-    signature, trial = score.signatures[form], score.trials[form]
-    within = _limited(signature, trial)
-    own = trial.log_bayes + within - np.log(len(score.signatures))
-    return replace(score, best=form, within=within, own=float(own))
+    return replace(score, best=form, within=_limited(score.signatures[form], score.trials[form]))
 
 
 def _reductions(problem: DiagnosisProblem, trials: Sequence[Trial]) -> Array:
