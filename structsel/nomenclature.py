@@ -32,6 +32,8 @@ LONGITUDINAL_COEFFICIENTS = ("CX", "CZ", "Cm")
 LATERAL_COEFFICIENTS = ("CY", "Cl", "Cn")
 AIR_DATA = ("V", "alpha", "beta")
 FLOW_ANGLES = ("alpha", "beta")
+CONFIGURATION = ("df", "gear", "brake", "speedbrake", "speed_brake", "spoiler", "flap", "slat")
+"""Channels of what is let down, or held into the stream, now and then."""
 EULER_ANGLES = ("phi", "theta", "psi")
 BODY_RATES = ("p", "q", "r")
 ANGULAR_ACCELERATIONS = ("p_dot", "q_dot", "r_dot")

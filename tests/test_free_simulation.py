@@ -54,6 +54,20 @@ def test_derivatives_are_those_of_the_simulation_whichever_sample_it_holds(held)
         assert np.std(f.difference["Cm"]) < 0.04 * np.std(expected)
 
 
+@pytest.mark.parametrize("channel", ["df", "speedbrake"])
+def test_a_configuration_that_simulated_files_do_not_hold_is_that_of_the_recordings(channel):
+    recorded, simulated = [], {}
+    for k in range(3):
+        made = flown(k, "after")
+        out = np.clip(np.arange(N) - 250.0, 0.0, 25.0) / 25.0 * (k == 1)
+        lift = 0.5 * RHO * V**2 * AIRCRAFT.S * 0.3 * out / AIRCRAFT.mass
+        channels = {c: made[c] for c in made.names} | {"az": made["az"] + lift}
+        simulated[made.name] = Recording(made.name, made.t, channels)
+        recorded.append(Recording(made.name, made.t, channels | {channel: out}))
+    for f in prepare(simulated, recorded, AIRCRAFT).flights:
+        assert np.std(f.difference["CZ"]) < 0.05 * 0.3
+
+
 def halves(recording, jump=0.0):
     """A recording in two parts, the second with another angle of attack."""
     parts = []

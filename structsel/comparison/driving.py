@@ -19,8 +19,7 @@ import numpy as np
 import scipy
 
 from structsel.comparison.flight import AIRFRAME, Flight
-from structsel.comparison.surrogate import CONFIGURATION
-from structsel.nomenclature import COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, CONFIGURATION
 from structsel.numerics.arrays import Array
 
 _INPUTS = ("de", "da", "dr", "throttle", "thrust", *CONFIGURATION)

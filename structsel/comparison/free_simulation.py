@@ -14,13 +14,13 @@ from structsel.comparison.flight import Flight, prepare_flight
 from structsel.comparison.responses import Rate
 from structsel.comparison.simulations import OpenedSimulation
 from structsel.comparison.surrogate import Surrogate, identify
-from structsel.nomenclature import COEFFICIENTS, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, CONFIGURATION, FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.recording import Recording
 
-_INPUTS = ("de", "da", "dr", "df", "throttle")
+_INPUTS = ("de", "da", "dr", *CONFIGURATION, "throttle")
 _MOVING = ("alpha", "beta", "p", "q", "r")
-_FROM_RECORDING = ("rho", "mass", "thrust", "throttle", "df", "gear", "h_agl", "rpm")
+_FROM_RECORDING = ("rho", "mass", "thrust", "throttle", *CONFIGURATION, "h_agl", "rpm")
 _POOR = 0.9  # R2, below which a simulation's own flights determine a response only in part
 
 

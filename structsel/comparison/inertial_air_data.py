@@ -11,7 +11,7 @@ import scipy
 from structsel.aircraft import Aircraft
 from structsel.comparison.responses import KINEMATIC, Rate, predicted_rates
 from structsel.errors import StructselWarning
-from structsel.nomenclature import FLOW_ANGLES
+from structsel.nomenclature import CONFIGURATION, FLOW_ANGLES
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.air_data import air_data_at_cg, air_data_at_sensor, body_velocity
 from structsel.numerics.arrays import Array
@@ -19,7 +19,7 @@ from structsel.numerics.signal_quality import estimate_white_noise
 from structsel.numerics.smoothing import smooth_splines
 
 _AS_THEY_ARE = ("gear", "throttle", "mode")
-_SHARP = ("de", "da", "dr", "df", "thrust")
+_SHARP = ("de", "da", "dr", *CONFIGURATION, "thrust")
 SLOW = 0.05
 """Frequency below which winds and biases make the difference of a reading and its prediction [Hz]."""
 

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from structsel.comparison.flight import Flight
-from structsel.nomenclature import COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, CONFIGURATION
 from structsel.numerics.arrays import Array
 
 _PICKS = 8
@@ -16,8 +16,8 @@ _RATE = "_dot_hat"
 _FREE = 1e-3  # precision (inverse standard deviation) of values that are not held to their tolerances
 _WORTH = 0.03  # of what is left, that a further column must take
 _GENERIC = (
-    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "CT", "V", "alpha_dot_hat", "beta_dot_hat", "df",
-    "h_agl", "gear", "phi", "theta",
+    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "CT", "V", "alpha_dot_hat", "beta_dot_hat",
+    *CONFIGURATION, "h_agl", "phi", "theta",
 )  # fmt: skip
 _SQUARES = (
     ("alpha", "alpha"), ("beta", "beta"), ("alpha", "beta"), ("alpha", "de"), ("de", "de"), ("alpha", "q_hat"),

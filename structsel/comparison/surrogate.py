@@ -16,12 +16,10 @@ import scipy
 from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
-from structsel.nomenclature import COEFFICIENTS, LATERAL_COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, CONFIGURATION, LATERAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.stepwise import forward_selection
 
-CONFIGURATION = ("df", "gear", "brake", "speedbrake", "speed_brake", "spoiler", "flap", "slat")
-"""Channels of what is let down, or held into the stream, now and then."""
 _LINEAR = (
     "alpha", "beta", "abs(beta)", "p_hat", "q_hat", "r_hat", "de", "da", "dr", *CONFIGURATION, "CT", "V",
     "alpha_dot_hat",

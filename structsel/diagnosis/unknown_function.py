@@ -11,11 +11,11 @@ import scipy
 from structsel.comparison.causal_rows import CausalRows, Null
 from structsel.comparison.flight import Flight
 from structsel.comparison.past_motion import DELAY, PLANT_PAST, delayed
-from structsel.nomenclature import COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, CONFIGURATION
 from structsel.numerics.arrays import Array
 
 _CHANNELS = (
-    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "mach", "CT", "h_agl", "df", "gear",
+    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "mach", "CT", "h_agl", *CONFIGURATION,
 )  # fmt: skip
 ATTITUDE = ("phi", "theta", "psi")
 _MOTION = frozenset({"alpha", "beta", "p_hat", "q_hat", "r_hat", "mach", "CT", "h_agl", *ATTITUDE})

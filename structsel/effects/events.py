@@ -7,13 +7,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.surrogate import CONFIGURATION
 from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
 from structsel.effects.ice import ice_says, ice_variants
 from structsel.effects.lasting_changes import lasting_changes
 from structsel.effects.operators import shape_of
 from structsel.effects.signals import Column, from_lift_and_drag, lacking, lift_line, moves, signature
-from structsel.nomenclature import COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, CONFIGURATION, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
 _DURATIONS = (0.0, 1.0, 2.5, 5.0, 8.0)  # s, of a change of configuration in a recording

@@ -17,12 +17,13 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.locating.windows import Flags
 from structsel.comparison.noise import HIGHEST, bins_of, edge_of
 from structsel.comparison.past_motion import PLANT_PAST, delayed
-from structsel.nomenclature import COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, CONFIGURATION
 from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import fast_length, spectrum
 
 _CHANNELS = (
-    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "V", "CT", "df", "gear", "h_agl", "mach", "throttle",
+    "alpha", "beta", "p_hat", "q_hat", "r_hat", "de", "da", "dr", "V", "CT", *CONFIGURATION, "h_agl", "mach",
+    "throttle",
     "rpm", "phi", "theta",
 )  # fmt: skip
 _SQUARED = ("alpha", "beta", "q_hat", "p_hat", "r_hat", "de", "da", "dr", "V", "CT")

@@ -11,13 +11,13 @@ import scipy
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import Noise, bins_of, edge_of
 from structsel.deprecation import renamed_attribute
-from structsel.nomenclature import COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, CONFIGURATION
 from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import spectrum
 
 Columns = Callable[[Flight], list[Array]]
 
-_STATES = ("alpha", "beta", "p_hat", "q_hat", "r_hat", "V", "CT", "df", "gear", "h_agl")
+_STATES = ("alpha", "beta", "p_hat", "q_hat", "r_hat", "V", "CT", *CONFIGURATION, "h_agl")
 _CONTROLS = ("de", "da", "dr")
 _BENDING = ("alpha", "beta", "de", "da", "dr")
 _PAST = ("alpha", "beta")  # past rates of turn, and their slopes, hold the noise of the moments that are tested

@@ -9,6 +9,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.locating.windows import Contributions, Flags, acting
+from structsel.nomenclature import CONFIGURATION
 from structsel.numerics.arrays import Array
 
 CHANNELS = (
@@ -17,8 +18,7 @@ CHANNELS = (
     "mach",
     "qbar",
     "beta",
-    "df",
-    "gear",
+    *CONFIGURATION,
     "de",
     "da",
     "dr",
