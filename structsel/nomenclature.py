@@ -32,13 +32,15 @@ LONGITUDINAL_COEFFICIENTS = ("CX", "CZ", "Cm")
 LATERAL_COEFFICIENTS = ("CY", "Cl", "Cn")
 AIR_DATA = ("V", "alpha", "beta")
 FLOW_ANGLES = ("alpha", "beta")
-CONFIGURATION = ("df", "gear", "brake", "speedbrake", "speed_brake", "spoiler", "flap", "slat")
-"""Channels of what is let down, or held into the stream, now and then."""
 EULER_ANGLES = ("phi", "theta", "psi")
 BODY_RATES = ("p", "q", "r")
 ANGULAR_ACCELERATIONS = ("p_dot", "q_dot", "r_dot")
 SPECIFIC_FORCES = ("ax", "ay", "az")
 CONTROL_SURFACES = ("de", "da", "dr")
+CONFIGURATION = ("df", "gear", "brake", "speedbrake", "speed_brake", "spoiler", "flap", "slat")
+"""Channels of what is let down, or held into the stream, now and then."""
+INPUTS = (*CONTROL_SURFACES, "throttle", "thrust", *CONFIGURATION)
+"""What moves an aircraft by intention."""
 LONGITUDINAL_STATES = ("u", "w", "q", "theta")
 LATERAL_STATES = ("v", "p", "r", "phi")
 LONGITUDINAL_OUTPUTS = ("V", "alpha", "q", "theta", "ax", "az")

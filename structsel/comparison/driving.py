@@ -19,10 +19,9 @@ import numpy as np
 import scipy
 
 from structsel.comparison.flight import AIRFRAME, Flight
-from structsel.nomenclature import COEFFICIENTS, CONFIGURATION
+from structsel.nomenclature import COEFFICIENTS, INPUTS
 from structsel.numerics.arrays import Array
 
-_INPUTS = ("de", "da", "dr", "throttle", "thrust", *CONFIGURATION)
 _PAST = np.array([0.0, 0.1, 0.2, 0.35, 0.55, 0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0])  # s
 _RIDGE = 1e-3  # of each column's mean square
 _BEFORE = 0.5  # s, that an input is measured from
@@ -41,7 +40,7 @@ def input_responses(flights: Sequence[Flight]) -> tuple[Flight, ...]:
     tuple of Flight
         With the differences that they had; none where no input moves.
     """
-    inputs = [c for c in _INPUTS if all(c in f.recorded for f in flights) and any(np.ptp(f[c]) > 0.0 for f in flights)]
+    inputs = [c for c in INPUTS if all(c in f.recorded for f in flights) and any(np.ptp(f[c]) > 0.0 for f in flights)]
     if not inputs:
         return ()
     X = [_past(f, inputs) for f in flights]

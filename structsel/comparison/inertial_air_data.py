@@ -11,7 +11,7 @@ import scipy
 from structsel.aircraft import Aircraft
 from structsel.comparison.responses import KINEMATIC, Rate, predicted_rates
 from structsel.errors import StructselWarning
-from structsel.nomenclature import CONFIGURATION, FLOW_ANGLES
+from structsel.nomenclature import FLOW_ANGLES, INPUTS
 from structsel.numerics import rigid_body as rb
 from structsel.numerics.air_data import air_data_at_cg, air_data_at_sensor, body_velocity
 from structsel.numerics.arrays import Array
@@ -19,7 +19,6 @@ from structsel.numerics.signal_quality import estimate_white_noise
 from structsel.numerics.smoothing import smooth_splines
 
 _AS_THEY_ARE = ("gear", "throttle", "mode")
-_SHARP = ("de", "da", "dr", *CONFIGURATION, "thrust")
 SLOW = 0.05
 """Frequency below which winds and biases make the difference of a reading and its prediction [Hz]."""
 
@@ -33,8 +32,8 @@ def smooth_channels(channels: Mapping[str, Array], t: Array) -> dict[str, Array]
         if name not in _AS_THEY_ARE and np.ptp(x) != 0.0 and len(np.unique(x)) >= 0.1 * len(x)
     }
     # A smoother would round what jumps.
-    made |= {name: x - estimate_white_noise(x) for name, x in moving.items() if name in _SHARP}
-    splined = [name for name in moving if name not in _SHARP]
+    made |= {name: x - estimate_white_noise(x) for name, x in moving.items() if name in INPUTS}
+    splined = [name for name in moving if name not in INPUTS]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StructselWarning)  # what it doubts, the comparison's noise will hold
         made |= zip(splined, (np.array(s.values) for s in smooth_splines([moving[c] for c in splined], t, order=3)))

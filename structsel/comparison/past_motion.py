@@ -10,7 +10,7 @@ import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import asked_wrongly
-from structsel.nomenclature import CONFIGURATION, MOMENT_COEFFICIENTS
+from structsel.nomenclature import INPUTS, MOMENT_COEFFICIENTS
 from structsel.numerics.air_data import Three
 from structsel.numerics.arrays import Array
 
@@ -20,7 +20,6 @@ TIMED = ("de", "da", "dr", "df", "throttle", "thrust")
 """Inputs that may have a time of their own in a flight."""
 PLANT_PAST = (0.002, 0.005, 0.01, 0.02, 0.05)  # of a recording, that a plant remembers
 _ASKED = ("V", "alpha", "beta", "p", "q", "r", "de", "da", "dr")
-_INPUTS = frozenset((*TIMED, *CONFIGURATION))
 
 
 def averaged(flight: Flight, response: str, simulated: Array) -> Array:
@@ -73,7 +72,7 @@ def with_motion_delayed(flight: Flight) -> Flight:
     """The flight with the motion of some samples before, and the inputs of each sample."""
 
     def late(held: Mapping[str, Array]) -> dict[str, Array]:
-        return {c: x if c in _INPUTS else delayed(x, DELAY) for c, x in held.items()}
+        return {c: x if c in INPUTS else delayed(x, DELAY) for c, x in held.items()}
 
     return replace(
         flight, channels=late(flight.channels), raw=late(flight.raw), measured=late(flight.measured),

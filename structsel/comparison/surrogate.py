@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
-from structsel.nomenclature import COEFFICIENTS, CONFIGURATION, LATERAL_COEFFICIENTS
+from structsel.nomenclature import COEFFICIENTS, CONFIGURATION, INPUTS, LATERAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.stepwise import forward_selection
 
@@ -44,7 +44,7 @@ over 0.001 to 0.003 rad it leaves 0.16 to 0.17, which is white."""
 _HATS = {"p_hat": "p", "q_hat": "q", "r_hat": "r"}
 _TINY = 1e-9
 _VANES = ("alpha", "beta")
-_STATES, _INPUTS = ("V", "alpha", "beta", "p", "q", "r"), ("de", "da", "dr", *CONFIGURATION, "thrust", "throttle")
+_STATES = ("V", "alpha", "beta", "p", "q", "r")
 _ENOUGH = 4000  # samples
 _ROUNDS = 3
 _LEAST = 0.02  # of what samples count, that flights' levels count at least
@@ -183,7 +183,7 @@ def find_surrogate(flights: Sequence[Flight], responses: Sequence[str]) -> Surro
     """
     simulated_responses = [f.simulated for f in flights]
     # Controls jump, and their noise is small compared with their motion: smoothing would round them.
-    inputs = [{c: f.raw[c] for c in _INPUTS if c in f.raw} for f in flights]
+    inputs = [{c: f.raw[c] for c in INPUTS if c in f.raw} for f in flights]
     gusty = [{**f.air, **m} for f, m in zip(flights, inputs)]
     read = [{**m, **{c: f.raw[c] for c in _STATES if c in f.raw}} for f, m in zip(flights, inputs)]
     tried = []

@@ -24,13 +24,12 @@ from structsel.comparison.locating.dryden_fit import PowerBands, dispersion, fit
 from structsel.comparison.noise import bins_of, edge_of, frequencies
 from structsel.deprecation import renamed_attribute
 from structsel.formatting import format_number
-from structsel.nomenclature import CONFIGURATION, FORCE_COEFFICIENTS
+from structsel.nomenclature import FORCE_COEFFICIENTS, INPUTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.fourier_series import spectrum, taper
 from structsel.numerics.signal_quality import white_noise_std
 
 _AXES = {"u": "k_V", "v": "k_beta", "w": "k_alpha"}
-_DRIVING = ("de", "da", "dr", "throttle", "thrust", *CONFIGURATION)
 _LENGTHS = np.geomspace(80.0, 700.0, 7)  # m
 _USUAL, _ABOUT = 300.0, 0.7  # m, and the standard deviation of the logarithm: above it, only sigma^2 / L shows
 _TIMES = np.geomspace(0.03, 0.6, 7)  # s that an instrument's own noise may keep
@@ -246,7 +245,7 @@ def _in_bands(flights: Sequence[Flight], signals: Sequence[Array], floor: float)
 def _inputs(f: Flight, flights: Sequence[Flight]) -> Array:
     """What drives the aircraft, and how the instruments of inertia see it move, with rates."""
     columns = []
-    for c in _DRIVING:
+    for c in INPUTS:
         if all(c in one.recorded for one in flights) and any(np.ptp(one[c]) > 0.0 for one in flights):
             columns += [f[c], f.rate(f[c])]
     return np.column_stack(columns) if columns else f.t[:, None]
