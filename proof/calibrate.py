@@ -57,11 +57,11 @@ def collect(folder: Path, name: str) -> list[Round]:
     start, library, _ = set_up(prepare(*open_case(folder / "cases" / name), aligned=True).flights)
     problem = start
     rounds: list[Round] = []
-    missing, names = [set(e.accept) for e in key.effects], set[str]()
+    missing = [set(e.accept) for e in key.effects]
     motion = InputDrivenMotion.of(problem.flights)
     while len(rounds) <= len(key.effects):
         _, found = search_effects(problem, library, motion)
-        candidates = [one for one in found if (one.lowers or not rounds) and one.effect not in names]
+        candidates = [one for one in found if (one.lowers or not rounds) and one.effect not in problem.found]
         right = [any(one.effect in e for e in missing) for one in candidates]
         white = None if rounds else white_fraction(problem)
         rows = [{"effect": one.effect, "right": r, "evidence": _numbers(one)} for one, r in zip(candidates, right)]
@@ -71,7 +71,7 @@ def collect(folder: Path, name: str) -> list[Round]:
         if not accepted:
             break
         best = max(accepted, key=lambda one: one.log_bayes)
-        missing, names = [e for e in missing if best.effect not in e], names | {best.effect}
+        missing = [e for e in missing if best.effect not in e]
         problem, library = enter(best, problem, library, start)
     return rounds
 

@@ -17,6 +17,7 @@ from structsel.comparison.preparing import prepare
 from structsel.comparison.sensitivity import misread
 from structsel.comparison.tolerances import _jumped, tolerances_of
 from structsel.diagnosis.detection import SCALE, Detection, detect
+from structsel.diagnosis.effect_probability import FEATURES
 from structsel.diagnosis.event import Event
 from structsel.diagnosis.exceeded import ExceededTolerance, exceeded, exceeded_as_recorded
 from structsel.diagnosis.problem import DiagnosisProblem
@@ -185,7 +186,7 @@ def test_names_share_the_probability_of_what_was_detected(unsure):
 
 
 def test_an_effect_with_as_much_evidence_as_what_was_detected_shares_what_is_unknown(unsure):
-    candidates = CandidateEffect(np.zeros(6), score=unsure(detection(0.0)).others[0])
+    candidates = CandidateEffect(np.zeros(len(FEATURES)), score=unsure(detection(0.0)).others[0])
     evidence = log_bayes(candidates.score)
     for above, share in ((0.0, 0.5), (50.0, 0.0), (-50.0, 1.0)):
         seen = detection(0.0)

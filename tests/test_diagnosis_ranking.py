@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from structsel.diagnosis import members, ranking
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.diagnose import unpredicted
-from structsel.diagnosis.effect_probability import further_probabilities
+from structsel.diagnosis.effect_probability import AGAINST, FEATURES, further_probabilities
 from structsel.diagnosis.notes import notes
 from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.scoring import score_all
@@ -40,7 +40,7 @@ def test_an_effect_in_several_places_is_one_hypothesis(monkeypatch):
 def likely(effect):
     """An effect that is certain."""
     score = SimpleNamespace(effect=effect, signature=None, input_only=True)
-    return CandidateEffect(np.array([9.0, 9.0, 9.0, 0.0, 0.0, 1.0]), score=score)
+    return CandidateEffect(np.where(np.isin(FEATURES, AGAINST), 0.0, 10.0), score=score)
 
 
 def test_an_effect_that_leaves_much_of_its_own_responses_has_a_warning_and_one_that_explains_them_has_none():

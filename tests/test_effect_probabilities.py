@@ -82,7 +82,7 @@ def test_a_mismatch_that_two_effects_explain_alike_is_as_probable_as_with_one():
     assert alone[0] < 0.2
     assert pair == pytest.approx([alone[0], 0.5 * alone[1], 0.5 * alone[1]])
     unconfirmed = replace(one, is_tested=False)  # its alternatives count against it
-    assert unconfirmed.log_odds_alone == unconfirmed.log_odds < one.log_odds_alone
+    assert unconfirmed.log_odds_alone() == unconfirmed.log_odds < one.log_odds_alone()
 
 
 def test_evidence_counts_as_far_as_what_is_left_is_white_noise():
@@ -99,7 +99,7 @@ def test_where_no_noise_is_white_a_mismatch_is_less_probable_and_the_names_are_t
     def probabilities(white):
         first, second = (features(takes=x, behind=x - 1.0) for x in (1.0, -1.0))
         untested = EffectEvidence(second, is_tested=False)
-        return first_probabilities([EffectEvidence(first, coloured=coloured(white)), untested], white)
+        return first_probabilities([EffectEvidence(first, gain=0.0), untested], white)
 
     some = [probabilities(white) for white in (0.0, 0.1, 0.5, 1.0)]
     odds = [logit(1.0 - p[0]) for p in some]
@@ -127,8 +127,8 @@ def test_evidence_that_tolerances_can_absorb_does_not_count_once_something_was_f
             input_only=None, unconfirmed_weight=0.0,
         )  # fmt: skip
 
-    first = SimpleNamespace(accepted=())
-    gust = SimpleNamespace(accepted=(SimpleNamespace(hypothesis=SimpleNamespace(name="gust")),))
+    first = SimpleNamespace(accepted=(), found=frozenset())
+    gust = SimpleNamespace(accepted=(SimpleNamespace(),), found=frozenset({"gust"}))
     mass, gusts = score("mass-error", 1.0, 400.0), score("gust", 900.0, 900.0, event=True)
     assert [weighing.evident(b, mass) for b in (first, gust)] == [True, False]
     assert [weighing.evident(b, gusts) for b in (first, gust)] == [True, False]

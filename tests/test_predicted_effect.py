@@ -11,6 +11,7 @@ from scipy.special import expit
 from structsel.comparison.causal_rows import CausalRows
 from structsel.comparison.tolerances import tolerances_of
 from structsel.diagnosis.detection import Detection, detect
+from structsel.diagnosis.effect_probability import FEATURES
 from structsel.diagnosis.event import Event
 from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted
 from structsel.diagnosis.problem import DiagnosisProblem
@@ -30,7 +31,7 @@ def correct():
 def candidate(flights, effect="missing-term"):
     problem, library = tried(flights, effect)
     (score,) = (one for one in score_all(problem, library) if one.effect == effect)
-    return CandidateEffect(np.zeros(6), score=score)
+    return CandidateEffect(np.zeros(len(FEATURES)), score=score)
 
 
 def test_the_evidence_of_columns_is_that_of_linear_regression_with_independent_coefficients(correct):

@@ -62,16 +62,14 @@ class EffectEvidence:
         Largest fraction by which it decreases the rms of a response there.
     identified : bool
         Whether the simulation was identified from its own flights.
-    coloured : float
-        Fraction of coloured noise to a power, times the fraction of the error on other flights that the effect leaves.
     of_form : float
         Log Bayes factor of its size, with the form of a plant or of an identified simulation as its error.
     is_plant : bool
         Whether no coefficient is simulated.
     is_tested : bool
         Whether it is tested on the response to the inputs, or is moving air in forces, which no input causes.
-    is_level : bool
-        Whether it is steadily moving air that explains the level of a plant's velocities on other flights.
+    is_air : bool
+        Whether it is moving air.
     log_prior : float
         Log frequency with which simulations lack it, relative to other effects.
     weights : (1 + f,) array
@@ -85,11 +83,10 @@ class EffectEvidence:
     lowers: bool = True
     gain: float = 1.0
     identified: bool = False
-    coloured: float = 0.0
     of_form: float = np.inf
     is_plant: bool = False
     is_tested: bool = True
-    is_level: bool = False
+    is_air: bool = False
     log_prior: float = 0.0
     weights: Array = field(default_factory=lambda: WEIGHTS)
 
@@ -99,15 +96,20 @@ class EffectEvidence:
         by_level = (self.log_bayes - _EVEN_LEVEL) / _SCALE_LEVEL if self.is_level else -np.inf
         return min(self.max_log_odds, max(by_level, self._of()))
 
-    @property
-    def log_odds_alone(self) -> float:
+    def log_odds_alone(self, of_noise: float = 0.0) -> float:
         """Log odds against no effect as if it had no alternatives, if it is tested on the response to the inputs.
 
         An effect that is not tested may be any part of the mismatch with the same motion as its alternatives.
+
+        Parameters
+        ----------
+        of_noise : float
+            See `coloured`.
         """
         if not self.is_tested:
             return self.log_odds
-        return min(self.max_log_odds, self._of(ahead=self.lead_alone, behind=0.0) - COLOURED * self.coloured)
+        lost = COLOURED * of_noise * (1.0 - self.gain)
+        return min(self.max_log_odds, self._of(ahead=self.lead_alone, behind=0.0) - lost)
 
     def _of(self, **changed: float) -> float:
         """Log odds with some features changed."""
@@ -117,8 +119,15 @@ class EffectEvidence:
     @property
     def constant(self) -> bool:
         """Whether it explains more of the constant part of the flights than of the rest."""
-        of = dict(zip(FEATURES, self.features))
-        return bool(of["level"] > of["takes"])
+        return self._feature("level") > self._feature("takes")
+
+    @property
+    def is_level(self) -> bool:
+        """Whether it is steadily moving air that explains the level of a plant's velocities on other flights."""
+        return self.is_plant and self.is_air and self.lowers and self.constant and not self._feature("event")
+
+    def _feature(self, name: str) -> float:
+        return float(self.features[FEATURES.index(name)])
 
 
 def coloured(white: float | None) -> float:
@@ -140,18 +149,19 @@ def first_probabilities(candidates: Sequence[EffectEvidence], white: float | Non
     white : float or None
         Fraction of white noise in the residual forces; None without forces.
     """
-    counts = 0.0 if white is None else white * (1.0 - coloured(white) ** 2)
+    of_noise = coloured(white)
+    counts = 0.0 if white is None else white * (1.0 - of_noise**2)
     evidence = [
         min(((c.gain if c.is_plant else counts) * c.log_bayes - _EVEN) / _SCALE, c.of_form - AGREED) for c in candidates
     ]
-    as_given = [one.log_odds_alone for one in candidates if one.lowers]
+    as_given = [one.log_odds_alone(of_noise) for one in candidates if one.lowers]
     by_level = [one.log_odds for one in candidates if one.is_level]
     return _distributed([*evidence, *as_given, *by_level], candidates)
 
 
 def further_probabilities(candidates: Sequence[EffectEvidence]) -> Array:
     """(1 + n,) probabilities in a search after the first: of no further effect, and of each effect."""
-    return _distributed([one.log_odds_alone for one in candidates], candidates)
+    return _distributed([one.log_odds_alone() for one in candidates], candidates)
 
 
 def _distributed(log_odds: Sequence[float], candidates: Sequence[EffectEvidence]) -> Array:

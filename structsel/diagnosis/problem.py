@@ -103,6 +103,11 @@ class DiagnosisProblem:
         return aerodynamic or [c for c in self.responses if c in self.flights[0].simulated]
 
     @property
+    def found(self) -> frozenset[str]:
+        """Names of the effects that are in the model."""
+        return frozenset(s.hypothesis.name for s in self.accepted)
+
+    @property
     def is_plant(self) -> bool:
         """Whether no coefficient is simulated."""
         return not set(self.responses) & set(COEFFICIENTS)

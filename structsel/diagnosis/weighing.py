@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from structsel.diagnosis import judging
-from structsel.diagnosis.effect_probability import AGREED, FEATURES, EffectEvidence, coloured
+from structsel.diagnosis.effect_probability import AGREED, FEATURES, EffectEvidence
 from structsel.diagnosis.explained import SLIGHT, Taken, explained_fraction
 from structsel.diagnosis.problem import DiagnosisProblem
-from structsel.diagnosis.residuals import white_fraction
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.size_evidence import agreed, beyond_form, beyond_plant_form
 
@@ -127,10 +126,9 @@ def evident(problem: DiagnosisProblem, score: EffectScore) -> bool:
     After a finding only the log Bayes factor over the tolerances counts. Their deviations then favour the effects that
     resemble them more than in a correct simulation.
     """
-    found = {s.hypothesis.name for s in problem.accepted}
     if log_bayes(score) >= EVIDENT:
-        return not (score.event and score.effect in found)
-    return not found and log_bayes_as_given(score) >= _PLENTY
+        return not (score.event and score.effect in problem.found)
+    return not problem.accepted and log_bayes_as_given(score) >= _PLENTY
 
 
 def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[CandidateEffect]:
@@ -143,21 +141,18 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
         Of all effects.
     """
     kept, alternatives = _admissible(problem, scores)
-    of_noise = 0.0 if problem.accepted else coloured(white_fraction(problem))
     made = []
     for one, taken, gain, of_plant in kept:
         extended = problem.with_effect(one.signature)
         of_form = beyond_form(problem, extended)
         air = one.hypothesis.kind == "atmospheric"
-        steady_air = problem.is_plant and air and not one.event and taken.level > taken.moving
-        lowers = gain >= _LOWERS or taken.judged_there >= _THERE
         values = {
             "ahead": lead(one, alternatives),
             "takes": taken.moving,
             "level": taken.level,
             "behind": behind(one, [other for other, *_ in kept]),
             "event": one.event,
-            "further": any(found.hypothesis.name != one.effect for found in problem.accepted),
+            "further": bool(problem.found - {one.effect}),
         }
         made.append(
             CandidateEffect(
@@ -165,14 +160,13 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
                 lead_alone=lead(one, ()),
                 log_bayes=log_bayes(one),
                 max_log_odds=min(np.inf if one.event else agreed(extended), of_form) - AGREED,
-                lowers=lowers,
+                lowers=gain >= _LOWERS or taken.judged_there >= _THERE,
                 gain=gain,
                 identified=problem.flights[0].is_identified,
-                coloured=of_noise * (1.0 - gain),
                 of_form=min(of_form, of_plant),
                 is_plant=problem.is_plant,
                 is_tested=one.input_only is not None or (air and not problem.is_plant),
-                is_level=steady_air and lowers,
+                is_air=air,
                 log_prior=one.hypothesis.log_prior,
                 score=one,
             )
