@@ -58,6 +58,15 @@ def test_no_manoeuvre_separates_equal_effects(asked):
     assert found.says.startswith("None of")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("dt", [0.0200072, 0.03, 0.3])
+def test_manoeuvres_are_tried_at_any_interval_between_samples(asked, dt):
+    problem, scores = asked
+    flights = tuple(replace(f, t=f.t[0] + dt * np.arange(len(f)), dt=dt) for f in problem.flights)
+    found = find_separation(replace(problem, flights=flights), scores["wrong-derivative"], scores["asymmetry"])
+    assert "simulated manoeuvres" in found.says
+
+
 def test_no_manoeuvre_is_given_where_the_simulation_differs_from_its_surrogate(asked):
     problem, scores = asked
     flights = tuple(replace(f, simulated={**f.simulated, "lift": f.simulated["CZ"]}) for f in problem.flights)

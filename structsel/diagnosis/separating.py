@@ -7,9 +7,10 @@ is regressed on the other effect and on the parameters with a tolerance. The res
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 
 import numpy as np
@@ -25,7 +26,7 @@ from structsel.diagnosis.result import EffectFinding
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.signatures import spectra_of
 from structsel.effects.wording import SURFACES
-from structsel.errors import StructselError
+from structsel.errors import DomainError, StructselError
 from structsel.inputs import design_inputs, multisine, name_derivatives, three_two_one_one
 from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS
@@ -194,15 +195,20 @@ def _inputs(
         if c in start.controls and all(c in f.recorded for f in flights)
     }
     sizes = {c: size for c, size in sizes.items() if size > 0.0}
+    tried: list[tuple[Callable[[], Recording], str]] = []
     for c, size in sizes.items():
         for width in _WIDTHS:
             large = f"{size:.3g} N" if c == "thrust" else f"{np.rad2deg(size):.1f} deg"
-            name = f"a 3-2-1-1 on the {_MOVED[c]}, {width:g} s and {large},"
-            yield _named(three_two_one_one(c, size, width, duration=_DURATION, dt=dt), name)
+            pulses = partial(three_two_one_one, c, size, width, duration=_DURATION, dt=dt)
+            tried.append((pulses, f"a 3-2-1-1 on the {_MOVED[c]}, {width:g} s and {large},"))
     if sizes:
         low, high = _BAND
-        moved = multisine(list(sizes), list(sizes.values()), low=low, high=high, period=_DURATION, dt=dt)
-        yield _named(moved, f"{', '.join(_MOVED[c] for c in sizes)} moved at once at {low:g} to {high:g} Hz")
+        period = dt * round(_DURATION / dt)
+        moved = partial(multisine, list(sizes), list(sizes.values()), low=low, high=high, period=period, dt=dt)
+        tried.append((moved, f"{', '.join(_MOVED[c] for c in sizes)} moved at once at {low:g} to {high:g} Hz"))
+    for make, name in tried:
+        with suppress(DomainError):  # too fast for the sampling of the recordings
+            yield _named(make(), name)
     clearest = next((r for r in _clearest(flights, responses) if _AXES[r][0] in sizes), None)
     if clearest is not None:
         control, letter = _AXES[clearest]
