@@ -338,7 +338,7 @@ class FormSums:
         k = self.flight.rows.shape[-1] - 1
         biased = cross[..., k + 1 :]
         own = own - biased @ biased.transpose(0, 2, 1)
-        return Parts(cross[..., :k].transpose(0, 2, 1), own, cross[..., k], options.cost)
+        return Parts(np.ascontiguousarray(cross[..., :k]), own, cross[..., k], options.cost)
 
 
 def _moving_sums(x: Array, weights: Sequence[float]) -> Array:

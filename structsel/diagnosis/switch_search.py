@@ -55,7 +55,7 @@ class Parts:
 
     Attributes
     ----------
-    inside : (n, k, j) array
+    inside : (n, j, k) array
         With the tolerances, by the inverse Cholesky factor of their precision.
     own : (n, j, j) array
     with_y : (n, j) array
@@ -71,12 +71,17 @@ class Parts:
     @classmethod
     def of(cls, products: Sequence[Further], tried: Sequence[On], inverse: Array) -> Parts:
         """Of products with the tolerances, which `inverse` multiplies."""
-        inside = inverse @ np.stack([p.cross for p in products])
+        inside = np.stack([p.cross.T for p in products]) @ inverse.T
         return cls(inside, np.stack([p.own for p in products]), np.stack([p.with_y for p in products]), costs(tried))
 
-    def take(self, at: Sequence[int]) -> Parts:
-        """Some of the options."""
-        return Parts(*(x[at] for x in self))
+    def take(self, k: int) -> Parts:
+        """One of the options."""
+        return Parts(*(x[k] for x in self))
+
+    def less_tolerances(self, y: Array) -> Parts:
+        """With what the tolerances do not explain; `y` (k,) are the products of the rows with them, by that factor."""
+        own = self.own - self.inside @ np.swapaxes(self.inside, -1, -2)
+        return Parts(self.inside, own, self.with_y - self.inside @ y, self.cost)
 
     def __iter__(self) -> Iterator[Array]:
         return iter((self.inside, self.own, self.with_y, self.cost))
@@ -86,19 +91,6 @@ class Parts:
 
     def __sub__(self, other: Parts) -> Parts:
         return Parts(*(a - b for a, b in zip(self, other)))
-
-    def log_evidence(self, y: Array) -> Array:
-        """(n,) over the tolerances alone, minus the cost; `y` (k,) are the rows' products with them, by that factor."""
-        turned = np.swapaxes(self.inside, -1, -2)
-        held = np.eye(self.own.shape[-1]) + self.own - turned @ self.inside
-        s = self.with_y - turned @ y
-        if s.shape[-1] == 1:  # most forms; ten times faster
-            held = np.maximum(held[:, 0], 1.0)  # rounding may make it smaller
-            explained, volume = (s**2 / held)[:, 0], np.log(held[:, 0])
-        else:
-            explained = (s * np.linalg.solve(held, s[..., None])[..., 0]).sum(axis=-1)
-            volume = np.linalg.slogdet(held)[1]
-        return np.asarray(0.5 * (explained - volume) - self.cost)
 
 
 def costs(tried: Sequence[On]) -> Array:
@@ -124,20 +116,43 @@ def search(y: Array, parts: Sequence[Parts], at: Sequence[int]) -> Found:
     Parameters
     ----------
     y : (k,) array
-        As for `Parts.log_evidence`.
+        As for `Parts.less_tolerances`.
     parts : sequence of Parts
         By flight.
     at : sequence of int
         Where to begin.
     """
     place, value = list(at), -np.inf
+    alone = [p.less_tolerances(y) for p in parts]
+    ends = np.cumsum([len(p.cost) for p in parts])[:-1]
     while True:
-        together = sum((p.take([k]) for p, k in zip(parts[1:], place[1:])), parts[0].take(place[:1]))
-        values = [(together - p.take([k]) + p).log_evidence(y) for p, k in zip(parts, place)]
+        chosen = [p.take(k) for p, k in zip(parts, place)]
+        together = sum(chosen[1:], chosen[0])
+        each = [_beside(one, (together - here).less_tolerances(y)) for one, here in zip(alone, chosen)]
+        values = np.split(_log_evidence(*(np.concatenate(x) for x in zip(*each))), ends)
         m = int(np.argmax([x.max() for x in values]))
         if values[m].max() <= value + _RISE:
             return Found(place, values)
         place[m], value = int(np.argmax(values[m])), float(values[m].max())
+
+
+def _beside(options: Parts, others: Parts) -> tuple[Array, Array, Array]:
+    """Products of each option together with what is on in the other flights: with itself, with y, and the cost."""
+    shared = np.tensordot(options.inside, others.inside, axes=(2, 1))
+    own = options.own + others.own - shared - np.swapaxes(shared, -1, -2)
+    return own, options.with_y + others.with_y, options.cost + others.cost
+
+
+def _log_evidence(own: Array, with_y: Array, cost: Array) -> Array:
+    """(n,) log evidence over the tolerances alone, minus the cost."""
+    held = np.eye(own.shape[-1]) + own
+    if own.shape[-1] == 1:  # most forms; ten times faster
+        held = np.maximum(held[:, 0], 1.0)  # rounding may make it smaller
+        explained, volume = (with_y**2 / held)[:, 0], np.log(held[:, 0])
+    else:
+        explained = (with_y * np.linalg.solve(held, with_y[..., None])[..., 0]).sum(axis=-1)
+        volume = np.linalg.slogdet(held)[1]
+    return np.asarray(0.5 * (explained - volume) - cost)
 
 
 def spreads(tried: Sequence[On], log_evidence: Array, one: On, step: float) -> tuple[float, ...]:
