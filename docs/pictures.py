@@ -16,6 +16,8 @@ from structsel.coefficients import compute_coefficients
 from structsel.comparison.flight import Flight, prepare_flight
 from structsel.comparison.surrogate import identify
 from structsel.demo.aircraft import TRUTH, demo_aircraft
+from structsel.diagnosis.switch_search import On
+from structsel.diagnosis.switching import switched_form
 from structsel.effects import EFFECTS, Variant
 from structsel.effects.base import Effect
 from structsel.nomenclature import unit_of
@@ -95,20 +97,11 @@ def _scene(hypothesis: Effect) -> tuple[tuple[Flight, ...], Variant]:
     """Flights on which it can be tried, and one of its forms."""
     for flights in (_aircraft((40.0, 52.0)), _aircraft((95.0, 110.0)), _rig()):
         if not hypothesis.needs(flights):
-            begun = [_from_the_middle(v) for v in hypothesis.switched(flights)] if hypothesis.switched else []
+            middle = {f.name: On(float(f.t.mean())) for f in flights}
+            begun = [switched_form(v, middle) for v in hypothesis.switched(flights)] if hypothesis.switched else []
             if forms := [*hypothesis.variants(flights)] or begun:
                 return flights, forms[len(forms) // 2]
     raise LookupError(f"no flight here shows '{hypothesis.name}'")
-
-
-def _from_the_middle(form: Variant) -> Variant:
-    """The form from the middle of each flight on."""
-
-    def columns(flight: Flight) -> dict[str, np.ndarray]:
-        on = (flight.t >= flight.t.mean()).astype(float)[:, None]
-        return {c: on * x for c, x in form.columns(flight).items()}
-
-    return replace(form, columns=columns)
 
 
 def _clearest(flights: tuple[Flight, ...], form: Variant) -> tuple[Flight, str, int, np.ndarray]:

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import pytest
 
-from structsel.diagnosis.assembling import joined
 from structsel.diagnosis.result import ToleranceDeviation
 from structsel.diagnosis.text_report import no_model, text_report
 from structsel.effects import EFFECTS
@@ -189,12 +188,6 @@ def test_a_number_that_rounds_to_zero_has_no_minus_sign():
     assert format_estimate(-0.0005, 0.07) == "0.00 +- 0.07"
     small = diagnosis(deviations=(ToleranceDeviation("mass", -0.02, -0.0002, 0.01, "relative"),))
     assert "mass: +0.0 standard deviations" in render(small)
-
-
-def test_two_forms_of_one_effect_are_one_sentence():
-    slopes = ["Slopes fall with dynamic pressure: lift 8 %.", "Slopes fall with dynamic pressure: lift 31 %."]
-    assert joined(slopes) == "Slopes fall with dynamic pressure: lift 8 %; and lift 31 %."
-    assert joined(["It lacks beta^2: 0.7.", "It lacks r_hat: -0.3."]) == "It lacks beta^2: 0.7. It lacks r_hat: -0.3."
 
 
 def test_what_to_check_and_to_fly_is_a_sentence_whatever_the_effect():

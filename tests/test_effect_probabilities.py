@@ -246,21 +246,18 @@ def test_what_is_collected_of_a_case_gives_the_probabilities_that_the_diagnosis_
 
 
 @pytest.mark.parametrize(
-    ("shape", "only_in", "choices"),
-    [
-        ({"time": 3.0}, (), 60.0), ({"time in m01": 3.0, "time in m02": 4.0}, (), 60.0**2),
-        ({"time constant": 2.0}, (), 1.0), ({}, ("m01",), 2.0**2),
-    ],
-)  # fmt: skip
-def test_each_searched_time_and_chosen_manoeuvre_costs_the_log_of_the_number_of_choices(shape, only_in, choices):
+    ("times", "only_in", "choices"),
+    [(("time",), (), 60.0), (("time in m01", "time in m02"), (), 60.0**2), ((), ("m01",), 2.0**2)],
+)
+def test_each_searched_time_and_chosen_manoeuvre_costs_the_log_of_the_number_of_choices(times, only_in, choices):
     base = SimpleNamespace(evidence=np.zeros((1, 2)), y=[np.zeros(4)], freed=np.zeros(1))
     trial = Trial(50.0, np.array([25.0, 25.0]), np.ones(1), np.eye(1), np.array([50.0]))
 
     def found(given, where):
-        variant = SimpleNamespace(shape=given, only_in=where, parameters=(EffectParameter("bias", "-", 1.0),))
+        variant = SimpleNamespace(times=given, only_in=where, parameters=(EffectParameter("bias", "-", 1.0),))
         form = SimpleNamespace(variant=variant, flights={"m01", "m02"})
         return scoring.score(SimpleNamespace(base=base), SimpleNamespace(event=False), [form], [trial])
 
     # Half a minute has sixty places half a second apart.
-    cost = found({}, ()).log_evidence - found(shape, only_in).log_evidence
+    cost = found((), ()).log_evidence - found(times, only_in).log_evidence
     assert cost == pytest.approx(np.log(choices), rel=0.05)

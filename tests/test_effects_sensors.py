@@ -134,7 +134,7 @@ def test_the_sentence_of_a_bias_has_its_sign_and_then_its_times():
     assert bias.says(fitted_effect(forms[drifting], {"drift": 0.01})) == (
         "The angle of attack vane drifts by 0.573 +- 0.06 deg/min."
     )
-    jumped = replace(forms[vane], about=f"{vane}, in 'm0' from 7.3 s")
+    jumped = replace(forms[vane], words={**forms[vane].words, "when": "in 'm0' from 7.3 s"})
     assert bias.says(fitted_effect(jumped, {"bias": 0.03})) == (
         "The angle of attack vane is biased by 1.72 +- 0.2 deg, in 'm0' from 7.3 s."
     )

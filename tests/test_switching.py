@@ -11,7 +11,9 @@ from scipy.stats import multivariate_normal
 from structsel.comparison.tolerances import tolerances_of
 from structsel.diagnosis.running_sums import RunningSums
 from structsel.diagnosis.switch_search import ALWAYS, On, search
-from tests.effect_fits import effect_named
+from structsel.diagnosis.switching import switched_form
+from structsel.effects import EFFECTS
+from tests.effect_fits import effect_named, fitted_effect
 from tests.noisy_flights import T, flights_with
 from tests.switched_forms import refined, sizes
 
@@ -55,6 +57,15 @@ def test_the_flights_and_times_at_which_a_damper_is_on_are_found_with_its_gain(c
     assert np.all(np.abs(times - (12.6, 9.8)) < 0.05 + 3.0 * spread)
     assert form.about == f"q to elevator, in 'm01' from {times[0]:.1f} s, 'm02', 'm04' until {times[1]:.1f} s"
     assert_allclose(sizes(score)["gain of q"], GAIN, rtol=0.05)
+
+
+@pytest.mark.parametrize("effect", [e for e in EFFECTS if e.switched], ids=lambda e: e.name)
+def test_every_form_of_an_effect_that_is_switched_has_a_sentence(correct, effect):
+    for form in effect.switched(correct):
+        there = switched_form(form, {"m01": On(5.0), "m03": On(4.0, 9.0)})
+        says = effect.says(fitted_effect(there, {p.name: p.sd for p in there.parameters}))
+        assert "in 'm01' from 5.0 s, 'm03' from 4.0 s until 9.0 s" in says
+        assert says.endswith(".")
 
 
 def test_an_effect_that_is_always_on_or_not_there_is_not_switched(correct):

@@ -35,6 +35,8 @@ class Nuisance:
         Whether its columns contain later samples of the motion, as a rate does.
     constant : bool
         Whether it is a constant error of an instrument.
+    response : str
+        Response of which it is a fraction, or a fraction of a term; empty for all others.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Nuisance:
     absent: str = ""
     ahead: bool = False
     constant: bool = False
+    response: str = ""
 
     def scale(self, fraction: float) -> float:
         """Factor on `sd` where errors are this fraction of the stated tolerances."""

@@ -84,17 +84,20 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
         least: float = 0.0,
         absent: str = "",
         ahead: bool = False,
+        response: str = "",
     ) -> None:
         sd = math.hypot(_sd(stated, key, first.aircraft.cbar) * factor, least)
         if sd > 0.0 and _acts(columns):
-            made.append(Nuisance(name, sd, unit, columns, least, least > 0.0, effect, absent, ahead))
+            delivered = least > 0.0
+            made.append(Nuisance(name, sd, unit, columns, least, delivered, effect, absent, ahead, response=response))
 
     noises = simulated_noise(flights)
     for response in first.simulated:
         if response not in COEFFICIENTS:
             wrong = {"scale": [f.simulated[response] for f in flights], **find_plant(flights, response).errors(flights)}
             for what, signals in wrong.items():
-                add(f"{response}: {what}", "main", "relative", [{response: x} for x in signals], "wrong-derivative")
+                each = [{response: x} for x in signals]
+                add(f"{response}: {what}", "main", "relative", each, "wrong-derivative", response=response)
             if response in noises:
                 made += readings_columns(flights, response, noises[response])
             continue
@@ -106,7 +109,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             key = "main" if (response, name) in MAIN else "secondary"
             each = [{response: value * polynomial.column(f, term)} for f in flights]
             absent = "cross-coupling" if couples(response, term) else "missing-term"
-            add(f"{response}: {name}", key, "relative", each, "wrong-derivative", absent=absent)
+            add(f"{response}: {name}", key, "relative", each, "wrong-derivative", absent=absent, response=response)
         rest = [{response: f.simulated[response] - f.surrogate.evaluate(f, response)} for f in flights if f.surrogate]
         level = float(np.sqrt(np.mean([np.mean(f.simulated[response] ** 2) for f in flights])))
         add(
@@ -118,7 +121,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             level,
         )
         # What the smooth states do not explain may be the noise of the states at which it was evaluated.
-        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0, True, ahead=True))
+        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0, True, ahead=True, response=response))
     if not set(COEFFICIENTS) & set(first.simulated):
         return made
     add("mass", "mass", "relative", [mass_columns(f) for f in flights], "mass-error")

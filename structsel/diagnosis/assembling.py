@@ -200,8 +200,8 @@ def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, 
     given = problem.as_given
     fitted = [estimates(given if s.is_level else problem, k, s.score) for k, s in zip(member.places, member.steps)]
     sizes: dict[str, float] = {}
-    says = joined(
-        [hypothesis.says(FittedEffect(problem.accepted[k].variant, e, sizes)) for k, e in zip(member.places, fitted)]
+    says = " ".join(
+        hypothesis.says(FittedEffect(problem.accepted[k].variant, e, sizes)) for k, e in zip(member.places, fitted)
     )
     probabilities = dict(step.alternatives)
     merged: dict[str, ParameterEstimate] = dict(fitted[0])
@@ -228,14 +228,6 @@ def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, 
         tried = {s.effect for s in step.others}
         ties += [e for e in hypothesis.look_alikes if e in tried and e not in ties]
     return (best, *alternatives), tuple(ties[:_TIES])
-
-
-def joined(sentences: Sequence[str]) -> str:
-    """Sentences of one effect in several places; a common beginning up to a colon is written once."""
-    lead, colon, _ = sentences[0].partition(": ")
-    if not colon or len(sentences) == 1 or not all(s.startswith(lead + colon) for s in sentences):
-        return " ".join(sentences)
-    return lead + colon + "; and ".join(s.removeprefix(lead + colon).rstrip(".") for s in sentences) + "."
 
 
 def _residual_fraction(bare: DiagnosisProblem, plain: DiagnosisProblem, member: Member, axes: Sequence[str]) -> float:

@@ -281,7 +281,7 @@ def _widened(
         simulated = sum(float(np.sum(spectrum(f.simulated[c], bins_of(f), edge_of(f))[1:] ** 2)) for f in flights)
         fraction = min(_LARGEST_WIDENING, power / simulated) if simulated > 0.0 else 0.0
         for j, n in enumerate(nuisances):
-            if n.unit == "relative" and n.name.startswith(f"{c}: ") and n.sd > 0.0:
+            if n.response == c and n.sd > 0.0:
                 wider[j] = replace(n, sd=float(np.hypot(n.sd, fraction)), least=float(np.hypot(n.least, fraction)))
                 for a in made:
                     a[c][:, j] *= wider[j].sd / n.sd

@@ -72,7 +72,7 @@ class EffectScore:
     @property
     def event(self) -> bool:
         """Whether no other flight can predict it: it begins at times of its own, or acts in one flight only."""
-        return self.alone or (self.hypothesis.event and _event_times(self.signature) > 0)
+        return self.alone or (self.hypothesis.event and bool(self.signature.variant.times))
 
     @property
     def alone(self) -> bool:
@@ -163,12 +163,7 @@ def _within(signature: Signature, trial: Trial) -> float:
 
 def _sought(signature: Signature, manoeuvres: int) -> float:
     """Log of the number of event times and of sets of manoeuvres among which a form was chosen."""
-    return EVENT_COST * _event_times(signature) + (manoeuvres * np.log(2.0) if signature.variant.only_in else 0.0)
-
-
-def _event_times(signature: Signature) -> int:
-    """Number of event times that were searched in the differences."""
-    return sum(name == "time" or name.startswith("time in ") for name in signature.variant.shape)
+    return EVENT_COST * len(signature.variant.times) + (manoeuvres * np.log(2.0) if signature.variant.only_in else 0.0)
 
 
 def _log_between(a: float, b: float) -> float:

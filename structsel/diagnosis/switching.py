@@ -126,7 +126,7 @@ def _search(problem: DiagnosisProblem, form: SwitchedForm, tried: Sequence[Seque
     parts = []
     for m, (flight, each) in enumerate(zip(problem.flights, tried)):
         known = replace(form.always, columns=partial(_known, form.always.columns(flight)))
-        options = [_switched(known, {flight.name: one}) for one in each]
+        options = [switched_form(known, {flight.name: one}) for one in each]
         products = problem.products(m, spectra_of(options, flight, problem.responses), form.width)
         parts.append(Parts.of(products, each, base.inverse))
     return search(base.factored_y, parts, [0] * len(tried))
@@ -143,14 +143,13 @@ def _is_partly(on: Sequence[On]) -> bool:
 def _form(
     effect: Effect, always: Variant, flights: Sequence[Flight], on: Sequence[On], spread: Sequence[float] = ()
 ) -> SwitchedForm:
-    variant = _switched(always, {f.name: one for f, one in zip(flights, on) if one != NEVER})
-    times = [name for name in variant.shape if name.startswith("time in ")]
-    variant = replace(variant, spread=dict(zip(times, spread)))
+    variant = switched_form(always, {f.name: one for f, one in zip(flights, on) if one != NEVER})
+    variant = replace(variant, spread=dict(zip(variant.times, spread)))
     spectra = [spectra_of([variant], f, f.responses)[0] for f in flights]
     return SwitchedForm(effect, variant, spectra, acting(spectra, flights), always, tuple(on))
 
 
-def _switched(variant: Variant, when: Mapping[str, On]) -> Variant:
+def switched_form(variant: Variant, when: Mapping[str, On]) -> Variant:
     """A form where it is on, by the names of flights."""
 
     def columns(flight: Flight) -> Columns:
@@ -165,16 +164,20 @@ def _switched(variant: Variant, when: Mapping[str, On]) -> Variant:
         for what in one.finite
     }
     shape = shape_of(times)
+    searched = tuple(shape)
     duration = _duration([*when.values(), NEVER])
     if duration > 0.0:
         shape["duration"] = duration
     where = ", ".join(f"'{name}'{one.says}" for name, one in when.items())
     within = f", within {duration:g} s" if duration > 0.0 else ""
+    says = f"in {where}{within}"
     return replace(
         variant,
         columns=columns,
         shape={**variant.shape, **shape},
         units={**variant.units, **dict.fromkeys(shape, "s")},
-        about=f"{variant.about}{', ' if variant.about else ''}in {where}{within}",
+        about=f"{variant.about}, {says}" if variant.about else says,
         only_in=tuple(when),
+        times=searched,
+        words={**variant.words, "when": says},
     )

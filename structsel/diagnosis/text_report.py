@@ -8,6 +8,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 
+from structsel.comparison.responses import KINEMATIC
 from structsel.diagnosis.held_out_result import STAGES
 from structsel.diagnosis.result import LISTED, UNNAMED, Diagnosis, EffectFinding, Physics, ToleranceDeviation
 from structsel.effects.base import ParameterEstimate
@@ -108,7 +109,7 @@ def no_model(diagnosis: Diagnosis) -> str:
     """Reason why there is no model; empty if there is one."""
     if diagnosis.model is not None:
         return ""
-    if other := [c for c in diagnosis.responses if c not in COEFFICIENTS and not c.startswith("k_")]:
+    if other := [c for c in diagnosis.responses if c not in COEFFICIENTS and c not in KINEMATIC]:
         return f"a model has aerodynamic coefficients as responses, and {_and(other[:3])} is none"
     if not diagnosis.findings:
         return "there is no effect to add, and the simulation was not given as a model"
@@ -244,7 +245,7 @@ def _tell_rest(diagnosis: Diagnosis) -> Iterator[str]:
     left = [
         _TIED.join((c, f"{rrmse:.3f}", "white" if white else "coloured"))
         for c, (rrmse, white) in diagnosis.remaining.items()
-        if not c.startswith("k_")
+        if c not in KINEMATIC
     ]
     for finding in diagnosis.findings:
         if not is_shown(finding):

@@ -230,7 +230,8 @@ def _fed_back(
 ) -> Variant:
     columns = displaced(*((control, j, partial(_felt, signal=s, washout=washout)) for j, s in enumerate(signals)))
     model = partial(_feedback_model, control=control, signals=signals, washout=washout)
-    return Variant(gains, columns, about=f"{about} {SURFACES[control]}", model=model)
+    words = {gain.name: signal for gain, signal in zip(gains, signals)}
+    return Variant(gains, columns, about=f"{about} {SURFACES[control]}", model=model, words=words)
 
 
 def _feedback_model(case: ModelCase, control: str, signals: Sequence[str], washout: float | None) -> ModelForm | None:
@@ -258,12 +259,9 @@ def _feedback_model(case: ModelCase, control: str, signals: Sequence[str], washo
 
 
 def _feedback_says(found: FittedEffect) -> str:
-    gains = " and ".join(f"{found.text(name)} ({name.removeprefix('gain of ')})" for name in _names(found))
+    names = [p.name for p in found.variant.parameters]
+    gains = " and ".join(f"{found.text(name)} ({found.variant.words[name]})" for name in names)
     return f"Something unrecorded moves a surface with the motion ({found.variant.about}): gain {gains}."
-
-
-def _names(found: FittedEffect) -> list[str]:
-    return [p.name for p in found.variant.parameters]
 
 
 EFFECTS: tuple[Effect, ...] = (

@@ -120,18 +120,23 @@ def _shear_variants(flights: Flights) -> list[Variant]:
     if moves(flights, height):
         lowest = float(gathered(flights, height).min())
         middle = float(gathered(flights, height).mean())
-        laws: dict[str, Callable[[Flight], Array]] = {"linear with height": lambda f: (f[height] - middle) / 100.0}
+
+        def linear(flight: Flight) -> Array:
+            return (flight[height] - middle) / 100.0
+
+        laws: dict[str, Callable[[Flight], Array]] = {}
         if height == "h_agl":
             laws["logarithmic with height"] = lambda f: np.log(np.maximum(f[height], 1.0) / 10.0)
             laws["a power of height"] = lambda f: (np.maximum(f[height], 1.0) / 10.0) ** 0.2
         else:
             laws["near the lowest height"] = lambda f: np.log1p(np.maximum(f[height] - lowest, 0.0) / 20.0)
-        for name, law in laws.items() if available(flights, "psi") or channels else ():
-            unit = "m/s per 100 m" if name.startswith("linear") else "m/s"
-            made.append(_sheared(channels, law, name, unit))
+        blows = available(flights, "psi") or bool(channels)
+        if blows:
+            made.append(_sheared(channels, linear, "linear with height", "m/s per 100 m"))
+        for name, law in laws.items() if blows else ():
+            made.append(_sheared(channels, law, name, "m/s"))
         if not cannot_be_shifted(flights):
-            law = laws["linear with height"]
-            made += [_misjudged(law, along) for along in (False, True) if along or available(flights, "psi")]
+            made += [_misjudged(linear, along) for along in (False, True) if along or available(flights, "psi")]
     if available(flights, "psi") or channels:
         made.append(_sheared(channels, lambda f: (f.t - f.t[0]) / 60.0, "linear with time", "m/s per min"))
     return made + _waves(flights, channels)
@@ -221,7 +226,8 @@ def _wave(
     shape = {**shape_of(crests), "frequency": frequency}
     units = {**dict.fromkeys(shape_of(crests), "s"), "frequency": "Hz"}
     parameters = tuple(EffectParameter(_AXES[i], "m/s", 5.0, -60.0, 60.0) for i in axes)
-    return Variant(parameters, blown(winds, channels), shape, units, f"with a frequency of {frequency:.2g} Hz")
+    about = f"with a frequency of {frequency:.2g} Hz"
+    return Variant(parameters, blown(winds, channels), shape, units, about, times=tuple(shape_of(crests)))
 
 
 def _shear_needs(flights: Flights) -> str:
@@ -272,7 +278,8 @@ def _blown_gust(channels: Mapping[str, Added], axis: int, times: Mapping[str, fl
     speed = EffectParameter("speed", "m/s", 4.0, -30.0, 30.0)
     shape = {**shape_of(times), "length": length}
     about = f"{_DIRECTIONS[axis]}, in {', '.join(map(repr, times))}"
-    return Variant((speed,), blown(winds, channels), shape, dict.fromkeys(shape, "s"), about)
+    units, searched = dict.fromkeys(shape, "s"), tuple(shape_of(times))
+    return Variant((speed,), blown(winds, channels), shape, units, about, times=searched)
 
 
 def _gust(angle: str, times: Mapping[str, float], length: float, name: str) -> Variant:
@@ -290,6 +297,7 @@ def _gust(angle: str, times: Mapping[str, float], length: float, name: str) -> V
         shape,
         dict.fromkeys(shape, "s"),
         f"{name}, in {', '.join(map(repr, times))}",
+        times=tuple(shape_of(times)),
     )
 
 
@@ -302,7 +310,8 @@ def _shared_gust(angle: str, when: float, length: float, name: str) -> Variant:
 
     shape = {"time": when, "length": length}
     speed = EffectParameter("speed", "m/s", 4.0, -30.0, 30.0)
-    return Variant((speed,), columns, shape, dict.fromkeys(shape, "s"), f"{name}, in every manoeuvre")
+    units = dict.fromkeys(shape, "s")
+    return Variant((speed,), columns, shape, units, f"{name}, in every manoeuvre", times=("time",))
 
 
 def _gust_needs(flights: Flights) -> str:

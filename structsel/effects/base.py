@@ -83,6 +83,8 @@ class Variant:
         Parts of the sentence that states it.
     spread : mapping of name to float
         Standard deviations of those of `shape` that were estimated from the differences.
+    times : tuple of str
+        Those of `shape` that are times of events, which were searched in the differences.
     """
 
     parameters: tuple[EffectParameter, ...]
@@ -95,6 +97,7 @@ class Variant:
     model: Callable[[ModelCase], ModelForm | None] | None = None
     words: Mapping[str, str] = field(default_factory=dict)
     spread: Mapping[str, float] = field(default_factory=dict)
+    times: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,8 @@ def bias_variants(flights: Flights) -> list[Variant]:
     for channel in present(flights, (*AIR, *INERTIAL, *ATTITUDE, *CONTROLS)):
         sd, unit, name = _sd(flights, channel), _UNIT[channel], INSTRUMENTS[channel]
         drift = EffectParameter("drift", f"{unit}/min" if "/" not in unit else f"{unit} per min", 2.0 * sd)
-        made.append(Variant((drift,), wrong_readings(partial(_drift, channel=channel)), about=f"{name}, drifting"))
+        columns, words = wrong_readings(partial(_drift, channel=channel)), {"instrument": name}
+        made.append(Variant((drift,), columns, about=f"{name}, drifting", words=words))
     return made
 
 
@@ -35,7 +36,8 @@ def constant_biases(flights: Flights) -> list[Variant]:
         sd = _sd(flights, channel)
         constant = EffectParameter("bias", _UNIT[channel], sd, -10.0 * sd, 10.0 * sd)
         columns = wrong_readings(partial(_level, channel=channel))
-        made.append(Variant((constant,), columns, about=INSTRUMENTS[channel]))
+        name = INSTRUMENTS[channel]
+        made.append(Variant((constant,), columns, about=name, words={"instrument": name}))
     return made
 
 
@@ -53,7 +55,9 @@ def _drift(flight: Flight, channel: str) -> list[Errors]:
 
 def bias_says(found: FittedEffect) -> str:
     """The sentence of a bias."""
-    instrument, comma, times = capital(found).partition(",")
+    words = found.variant.words
+    instrument = capital(words["instrument"])
     if "drift" in found.estimates:
         return f"{instrument} drifts by {shown(found, 'drift')}."
-    return f"{instrument} is biased by {shown(found, 'bias')}{comma}{times}."
+    when = f", {words['when']}" if "when" in words else ""
+    return f"{instrument} is biased by {shown(found, 'bias')}{when}."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -41,7 +42,7 @@ _THRESHOLDS = (0.3, 0.45, 0.6, 0.75)  # of the largest deflection
 _DEAD = (0.03, 0.06, 0.1, 0.15, 0.2, 0.3)  # of the same, within which an input does nothing
 _LAW_TERMS = {"d|d|": "{0}*abs({0})", "d^3": "{0}^3", "d^2": "{0}^2"}
 _CURVATURES = (0.0, 0.4)  # of the loss of power with dynamic pressure: k q / (1 + c q)
-_LOSS = "loss at mean qbar"
+_LOSERS = ("", "lift slope", "stability", *CONTROLS)  # all slopes, or those by a name
 _PRESSURES = 0.2  # least range of dynamic pressure over its mean
 
 
@@ -71,10 +72,13 @@ def _bends(flights: Flights) -> list[Variant]:
         for name, law in _LAWS.items():
             column = _power(control, law, largest)
             term = _LAW_TERMS[name].format(control)
-            made.append(_bent(flights, control, column, name, term))
-            made.append(_bent(flights, control, column, name, term, main))
             fitted = without_linear_part(flights, column, CHANNELS_OF[main[0]])
-            made.append(_bent(flights, control, fitted, f"{name}, linear terms fitted without it", term))
+            forms = (
+                _bent(flights, control, column, name, term),
+                _bent(flights, control, column, name, term, main),
+                _bent(flights, control, fitted, f"{name}, linear terms fitted without it", term),
+            )
+            made += [_by_law(one, name) for one in forms]
         for fraction in _THRESHOLDS:
             column = _beyond(control, fraction * largest)
             shape = {"beyond": fraction * largest}
@@ -91,7 +95,8 @@ def _bent_inputs(flights: Flights, one: DrivenChannel) -> list[Variant]:
     largest = float(np.abs(recorded - middle).max())
     made = []
     for name, law in _LAWS.items():
-        made.append(_bent_input(one, partial(_fraction_lost, law=law, largest=largest), middle, name))
+        lost = partial(_fraction_lost, law=law, largest=largest)
+        made.append(_by_law(_bent_input(one, lost, middle, name), name))
     for fraction in _THRESHOLDS:
         start = fraction * largest
         made.append(_bent_input(one, partial(_excess, start=start), middle, "beyond a deflection", {"beyond": start}))
@@ -99,6 +104,11 @@ def _bent_inputs(flights: Flights, one: DrivenChannel) -> list[Variant]:
         end = fraction * largest
         made.append(_bent_input(one, partial(np.clip, a_min=-end, a_max=end), middle, "dead zone", {"within": end}))
     return made
+
+
+def _by_law(form: Variant, law: str) -> Variant:
+    """The form, which states that the sides of a control differ if its law is even."""
+    return replace(form, words={**form.words, "sides": law}) if law == "d^2" else form
 
 
 def _fraction_lost(d: Array, law: Callable[[Array], Array], largest: float) -> Array:
@@ -187,7 +197,7 @@ def _says_bend(found: FittedEffect) -> str:
         return f"Beyond {start} the slope of {control} falls by {percent}{variant.words['where']}."
     if "within" in variant.shape:
         return f"Within {found.text('within')} of its middle {control} has lost {percent} of its effect."
-    if law.startswith("d^2"):
+    if "sides" in variant.words:
         return f"The effect of {control} differs between its two sides by {percent} at the largest deflection ({law})."
     return f"At its largest deflection {control} has lost {percent} of its effect ({law})."
 
@@ -235,7 +245,7 @@ def _linkage_variants(flights: Flights) -> list[Variant]:
     made = []
     for control in _used(flights):
         moved = held(flights, CONTROLS[control])
-        parameter = EffectParameter(f"{control} {_LOSS}", "-", 0.15, 0.0, 1.0)
+        parameter = EffectParameter(_loss_of(control), "-", 0.15, 0.0, 1.0)
         for fall, about, law in _falls(flights):
             made.append(scaled_slopes(flights, moved, (control,), fall, parameter, about, law=law))
             only = f"{about}, in {moved[0]} only"
@@ -245,7 +255,7 @@ def _linkage_variants(flights: Flights) -> list[Variant]:
 
 def _flexes(flights: Flights) -> list[Variant]:
     every = coefficients(flights)
-    parameter = EffectParameter(_LOSS, "-", 0.15, 0.0, 1.0)
+    parameter = EffectParameter(_loss_of(""), "-", 0.15, 0.0, 1.0)
     zero = lift_line(flights)[1]
     made = []
     for fall, about, law in _falls(flights):
@@ -268,7 +278,11 @@ def _flexes(flights: Flights) -> list[Variant]:
 
 
 def _own_loss(what: str) -> EffectParameter:
-    return EffectParameter(f"{what} {_LOSS}", "-", 0.15, -1.0 if what == "stability" else 0.0, 1.0)
+    return EffectParameter(_loss_of(what), "-", 0.15, -1.0 if what == "stability" else 0.0, 1.0)
+
+
+def _loss_of(what: str) -> str:
+    return f"{what} loss at mean qbar".strip()
 
 
 def _needs_pressure(flights: Flights) -> str:
@@ -286,9 +300,10 @@ def _needs_linkage(flights: Flights) -> str:
 
 
 def _says_loss(found: FittedEffect) -> str:
-    names = [p.name for p in found.variant.parameters]
-    fractions = [f"{name.removesuffix(_LOSS)}{found.text(name, 100.0, '%')}" for name in names]
-    who = f"Effectiveness of {names[0].split()[0]} falls" if names[0].split()[0] in CONTROLS else "Slopes fall"
+    losses = {what: found.text(_loss_of(what), 100.0, "%") for what in _LOSERS if _loss_of(what) in found.estimates}
+    fractions = [f"{what} {text}".strip() for what, text in losses.items()]
+    first = next(iter(losses))
+    who = f"Effectiveness of {first} falls" if first in CONTROLS else "Slopes fall"
     return f"{who} with dynamic pressure: lost at its mean {', '.join(fractions)} ({found.variant.about})."
 
 

@@ -75,10 +75,12 @@ def _lasting(flights: Flights) -> list[Variant]:
     made = []
     for change in lasting_changes(flights, LONGITUDINAL_COEFFICIENTS, _LASTING):
         took = change.duration
-        times = shape_of(change.times) | {"duration": took}
+        times = shape_of(change.times)
+        shape = times | {"duration": took}
         about = f"in {change.when}{f', within {took:g} s' if took else ''}"
         columns = _increments(change.along, None, 0.0)
-        made.append(Variant(_UNRECORDED, columns, times, dict.fromkeys(times, "s"), about))
+        units = dict.fromkeys(shape, "s")
+        made.append(Variant(_UNRECORDED, columns, shape, units, about, times=tuple(times)))
     return made
 
 

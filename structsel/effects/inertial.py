@@ -7,6 +7,7 @@ The measured coefficients depend on the stated mass and inertia. Increments by t
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -26,9 +27,14 @@ _SLOSH_FREQUENCIES = 17  # 14 % apart, as far as the wider of the resonances is 
 _SLOSH_DAMPINGS = (0.025, 0.08)
 _AROUND = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
 _DURATIONS = (0.0, 5.0, 10.0)  # s, of a shift: a tank that empties, a passenger who walks
+_GROWTH, _RATE = "fraction from first to last", "fraction per min"
 
 
 # Mass
+
+
+_MASS = {"fraction": ("%", ""), _GROWTH: ("%", " from first to last"), _RATE: ("% per min", "")}
+"""Of a parameter of a mass, how it is given: the unit, and what it is."""
 
 
 def _heavier(flight: Flight, j: int, fraction: Array | float) -> Parts:
@@ -54,7 +60,7 @@ def _mass_variants(flights: Flights) -> list[Variant]:
     made = [of_parts((fraction,), lambda f: _heavier(f, 0, 1.0), "in all manoeuvres")]
     if len(flights) > 2:
         place = _place_in(flights)
-        growth = EffectParameter("fraction from first to last", "-", 0.1, -0.5, 0.5)
+        growth = EffectParameter(_GROWTH, "-", 0.1, -0.5, 0.5)
         made.append(of_parts((growth,), lambda f: _heavier(f, 0, place(f)), "growing from manoeuvre to manoeuvre"))
         made.append(
             of_parts(
@@ -64,19 +70,15 @@ def _mass_variants(flights: Flights) -> list[Variant]:
         )  # fmt: skip
     if len({float(f.t[0]) for f in flights}) > 1:
         first = min(float(f.t[0]) for f in flights)
-        rate = EffectParameter("fraction per min", "1/min", 0.005, -0.1, 0.1)
+        rate = EffectParameter(_RATE, "1/min", 0.005, -0.1, 0.1)
         made.append(of_parts((rate,), lambda f: _heavier(f, 0, (f.t - first) / 60.0), "growing with the time of day"))
-    within = EffectParameter("fraction per min", "1/min", 0.02, -0.3, 0.3)
+    within = EffectParameter(_RATE, "1/min", 0.02, -0.3, 0.3)
     made.append(of_parts((within,), lambda f: _heavier(f, 0, _burnt(f)), "growing within each manoeuvre as fuel burns"))
     return made
 
 
 def _mass_says(found: FittedEffect) -> str:
-    amounts = [
-        found.text(p.name, 100.0, "%" if p.unit == "-" else "% per min")
-        + p.name.removeprefix("fraction").removesuffix(" per min")
-        for p in found.variant.parameters
-    ]
+    amounts = [found.text(name, 100.0, unit) + more for name, (unit, more) in _MASS.items() if name in found.estimates]
     return f"The mass is off by {' and '.join(amounts)} of what is stated ({found.variant.about})."
 
 
@@ -140,7 +142,9 @@ def _shift_variants(flights: Flights) -> list[Variant]:
         for change in lasting_changes(flights, (response,), _DURATIONS, factor=arm):
             shape = shape_of(change.times)
             columns = partial(_off_centre, j=0, axis=axis, on=change.along)
-            made.append(of_parts((_shift(flights, axis),), columns, change.when, (), shape, dict.fromkeys(shape, "s")))
+            units = dict.fromkeys(shape, "s")
+            shifted = of_parts((_shift(flights, axis),), columns, change.when, (), shape, units)
+            made.append(replace(shifted, times=tuple(shape)))
         if len(flights) > 2:
             made.append(
                 of_parts(

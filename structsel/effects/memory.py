@@ -109,10 +109,9 @@ def _wake_model(case: ModelCase, angle: str, length: str, moved: tuple[str, ...]
     return ModelForm(states={f"{angle}_late": State("delay", angle, {"distance": distance})}, terms=terms)
 
 
-def _wake_says(found: FittedEffect) -> str:
+def _wake_says(found: FittedEffect, wake: str) -> str:
     moment, force = (p.name for p in found.variant.parameters[:2])
-    side = "sidewash" if moment.startswith("Cn") else "downwash"
-    return f"The tail feels the {side} late: {found.text(moment)} in {moment}, {found.text(force)} in {force}."
+    return f"The tail feels the {wake} late: {found.text(moment)} in {moment}, {found.text(force)} in {force}."
 
 
 # Lift that builds up
@@ -221,14 +220,14 @@ def _rotor_needs(flights: Flights) -> str:
 EFFECTS: tuple[Effect, ...] = (
     Effect(
         "downwash-lag", "memory", "The wing's downwash reaches the tail late.",
-        lambda fs: lacking(fs, ("Cm", "CZ"), ("alpha",)), _downwash_variants, _wake_says,
+        lambda fs: lacking(fs, ("Cm", "CZ"), ("alpha",)), _downwash_variants, partial(_wake_says, wake="downwash"),
         look_alikes=("wrong-derivative", "sensor-delay", "unsteady-lift"),
         separated_by="manoeuvres in which the angles of attack and pitch change at different rates: turns, plunges",
         check="whether the simulation has derivatives by the rate of the angle of attack",
     ),
     Effect(
         "sidewash-lag", "memory", "The sidewash reaches the fin late.",
-        lambda fs: lacking(fs, ("Cn", "CY"), ("beta",)), _sidewash_variants, _wake_says,
+        lambda fs: lacking(fs, ("Cn", "CY"), ("beta",)), _sidewash_variants, partial(_wake_says, wake="sidewash"),
         look_alikes=("wrong-derivative", "sensor-delay"),
         separated_by="flat yawing, and rolling into steady turns: the sideslip rate must differ from the yaw rate",
         check="whether the simulation has derivatives by the rate of sideslip",

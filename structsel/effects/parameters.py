@@ -192,9 +192,8 @@ def _scaled_response_model(case: ModelCase, response: str, channel: str) -> Mode
 def _says_value(found: FittedEffect) -> str:
     name = found.variant.parameters[0].name
     value = found.text(name)
-    if name.endswith(" relative"):
-        fraction = found.text(name, 100.0, "%")
-        return f"The simulated effect of {found.variant.words['scaled']} is off by {fraction}."
+    if scaled := found.variant.words.get("scaled"):
+        return f"The simulated effect of {scaled} is off by {found.text(name, 100.0, '%')}."
     return f"The simulation has a wrong value for {found.variant.about}: it should be changed by {value}."
 
 

@@ -88,7 +88,7 @@ def _scaled(flight: Flight, channel: str) -> list[Errors]:
 def _scale_says(found: FittedEffect) -> str:
     more = "too much" if found["scale"] >= 0.0 else "too little"
     return (
-        f"{subject(capital(found))} reads {more}: {1.0 + found['scale']:.3f} of the truth ({percent(found, 'scale')})."
+        f"{capital(subject(found))} reads {more}: {1.0 + found['scale']:.3f} of the truth ({percent(found, 'scale')})."
     )
 
 
@@ -128,7 +128,7 @@ def _delayed_readings(flight: Flight, channels: Sequence[str], tau: float) -> li
 
 
 def _delay_says(found: FittedEffect) -> str:
-    return f"{subject(capital(found))} {found.variant.words['be']} delayed by {found.text('delay')}."
+    return f"{capital(subject(found))} {found.variant.words['be']} delayed by {found.text('delay')}."
 
 
 # Places
@@ -172,6 +172,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
                     (EffectParameter(_AXES[axis], "m", sd, -10.0 * sd, 10.0 * sd),),
                     wrong_readings(partial(_arms, arm=arm, axes=(axis,))),
                     about=f"{name}, along body {_AXES[axis]}",
+                    words={"instrument": capital(name)},
                 )
             )
         if arm is _arm_at_vane:
@@ -181,6 +182,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
                     (EffectParameter("x", "m", sd, -10.0 * sd, 10.0 * sd),),
                     wrong_readings(partial(_arm_of_one, channel=channel)),
                     about=f"{INSTRUMENTS[channel]}, along body x",
+                    words={"instrument": capital(INSTRUMENTS[channel])},
                 )
                 for channel in ("alpha", "beta")
             ]
@@ -189,6 +191,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
                 tuple(EffectParameter(x, "m", sd, -10.0 * sd, 10.0 * sd) for x in _AXES),
                 wrong_readings(partial(_arms, arm=arm, axes=(0, 1, 2))),
                 about=f"{name}, along all axes",
+                words={"instrument": capital(name)},
             )
         )
     return made
@@ -196,7 +199,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
 
 def _position_says(found: FittedEffect) -> str:
     where = ", ".join(f"{x} {found.text(x)}" for x in _AXES if x in found.estimates)
-    return f"{capital(found).split(',')[0]} stands elsewhere than stated, by {where} in body axes."
+    return f"{found.variant.words['instrument']} stands elsewhere than stated, by {where} in body axes."
 
 
 # Misalignments
@@ -222,13 +225,13 @@ def _rolled_boom(flight: Flight) -> Errors:
 
 def _misalignment_variants(flights: Flights) -> list[Variant]:
     triads = {
-        "the accelerometers": (INERTIAL[:3],),
-        "the gyros": (INERTIAL[3:],),
-        "the inertial unit": (INERTIAL[:3], INERTIAL[3:]),
+        "the accelerometers": ("are", (INERTIAL[:3],)),
+        "the gyros": ("are", (INERTIAL[3:],)),
+        "the inertial unit": ("is", (INERTIAL[:3], INERTIAL[3:])),
     }
     turning = EffectParameter("fraction", "rad", 0.02, -0.15, 0.15)
     made = []
-    for name, parts in triads.items():
+    for name, (be, parts) in triads.items():
         if not all(available(flights, c) for part in parts for c in part):
             continue
 
@@ -238,7 +241,7 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
                     tuple(EffectParameter(f"about {_AXES[i]}", "rad", 0.02, -0.15, 0.15) for i in axes),
                     wrong_readings(partial(_turnings, triads=parts, axes=axes)),
                     about=name,
-                    words={"be": "is" if name.endswith("unit") else "are"},
+                    words={"be": be},
                 )
             )
     for one, other in _MIXED:
@@ -266,7 +269,7 @@ def _misalignment_says(found: FittedEffect) -> str:
         one, other = found.variant.words["one"], found.variant.words["other"]
         return f"{one[0].upper()}{one[1:]} contains a fraction of {other}, as if turned by {shown(found, 'fraction')}."
     by = ", ".join(f"{shown(found, f'about {x}')} about body {x}" for x in _AXES if f"about {x}" in found.estimates)
-    return f"{subject(capital(found))} {found.variant.words['be']} mounted turned by {by}."
+    return f"{capital(subject(found))} {found.variant.words['be']} mounted turned by {by}."
 
 
 # Pitot and static
@@ -299,9 +302,9 @@ def _position_error_variants(flights: Flights) -> list[Variant]:
 def _position_error_says(found: FittedEffect) -> str:
     if "factor per rad" in found.estimates:
         per_degree = found.text("factor per rad", 100.0 * np.pi / 180.0, "% per deg")
-        return f"{capital(found)}: the error grows by {per_degree}."
+        return f"{capital(found.variant.about)}: the error grows by {per_degree}."
     factor, cause = percent(found, "factor"), found.variant.words["cause"]
-    return f"{subject(capital(found))} read too much by {factor}: {cause} are off, and all coefficients with them."
+    return f"{capital(subject(found))} read too much by {factor}: {cause} are off, and all coefficients with them."
 
 
 _SCALE_SEPARATED = "manoeuvres in which the channel moves at different speeds and powers, beside attitude and gyros"

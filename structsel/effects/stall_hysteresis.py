@@ -19,7 +19,7 @@ from structsel.effects.base import (
     Variant,
     Weights,
 )
-from structsel.effects.latched_stall import LATCH, latched_variants
+from structsel.effects.latched_stall import latched_variants
 from structsel.effects.model_forms import add_term, one_hot
 from structsel.effects.signals import (
     from_lift_and_drag,
@@ -146,7 +146,7 @@ def _stall_needs(flights: Flights) -> str:
 
 
 def _stall_says(found: FittedEffect) -> str:
-    if found.variant.about == LATCH:
+    if "release" in found.estimates:
         onset, release = (found.text(name, 180.0 / np.pi, "deg") for name in ("onset", "release"))
         return f"The flow separates at {onset} of angle of attack and attaches again at {release} only."
     return (

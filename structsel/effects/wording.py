@@ -30,12 +30,12 @@ def percent(found: FittedEffect, name: str) -> str:
     return found.text(name, 100.0, "%")
 
 
-def capital(found: FittedEffect) -> str:
-    """Description of a form, as the beginning of a sentence."""
+def capital(text: str) -> str:
+    """Text as the beginning of a sentence."""
+    return text[:1].upper() + text[1:]
+
+
+def subject(found: FittedEffect) -> str:
+    """Description of a form as the subject of a sentence: an insertion that begins with a comma ends with one."""
     about = found.variant.about
-    return about[:1].upper() + about[1:]
-
-
-def subject(description: str) -> str:
-    """Description as the subject of a sentence: an insertion that begins with a comma ends with one."""
-    return description + "," * ("," in description)
+    return about + "," * ("," in about)

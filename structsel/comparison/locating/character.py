@@ -10,6 +10,7 @@ import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import Noise, bins_of, edge_of
+from structsel.comparison.responses import KINEMATIC
 from structsel.deprecation import renamed_attribute
 from structsel.nomenclature import COEFFICIENTS, CONFIGURATION
 from structsel.numerics.arrays import Array
@@ -97,7 +98,7 @@ def characterise(flights: Sequence[Flight], spectra: Sequence[Mapping[str, Array
                 made += _test(kind, c, y, others, X * w, cuts)
         readings = _spectra(flights, _readings)
         for c in names:
-            if c not in COEFFICIENTS and c.startswith("k_"):
+            if c in KINEMATIC:
                 y, w = _white(flights, spectra, noise, c)
                 made += _test("kinematic", c, y, np.zeros((len(y), 0)), readings * w, cuts)
     tests = max(len(made), 1)
