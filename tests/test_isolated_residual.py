@@ -48,6 +48,11 @@ def test_it_is_a_mismatch_where_it_is_large_beside_accurate_others(size, others,
     assert low <= IsolatedResidual("Cm", size, others).probability <= high
 
 
+def test_it_is_of_the_unknown_as_far_as_the_effects_do_not_explain_it():
+    alone = IsolatedResidual("Cm", 0.1, 0.0)
+    assert replace(alone, fraction=0.2).probability == pytest.approx(0.2 * alone.probability)
+
+
 def slow(size: float) -> np.ndarray:
     return size * np.sin(np.arange(50_000) * DT)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -23,7 +23,7 @@ from structsel.diagnosis.exceeded import (
     exceeded_as_recorded,
     explained_by_form,
 )
-from structsel.diagnosis.isolated import IsolatedResidual, find_isolated
+from structsel.diagnosis.isolated import IsolatedResidual, find_isolated, lasting_residuals
 from structsel.diagnosis.predicted_effect import PredictedEffect, find_predicted, find_predicted_in_plant
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.residuals import residuals, white_fraction
@@ -279,10 +279,24 @@ def _best_of_each(causes: Sequence[ExceededTolerance]) -> tuple[ExceededToleranc
     return tuple(best.values())
 
 
-def isolated_residual(problem: DiagnosisProblem) -> IsolatedResidual | None:
-    """The coefficient whose residual of tolerances and effects lasts most; None with too few coefficients."""
+def isolated_residual(problem: DiagnosisProblem, start: DiagnosisProblem | None = None) -> IsolatedResidual | None:
+    """The coefficient whose residual of tolerances and effects lasts most; None with too few coefficients.
+
+    Parameters
+    ----------
+    problem : DiagnosisProblem
+    start : DiagnosisProblem, optional
+        Without the effects.
+    """
     form = form_of(problem.flights, [c for c in problem.responses if c in COEFFICIENTS])
-    return find_isolated(problem.flights, residuals(problem), {c: x for c, x in form.items() if x > FORM})
+    found = find_isolated(problem.flights, residuals(problem), {c: x for c, x in form.items() if x > FORM})
+    if found is None or start is None:
+        return found
+    # With exact tolerances: at their full width they may explain what the effect does.
+    before, after = (
+        lasting_residuals(one.flights, residuals(one.as_given))[found.response] for one in (start, problem)
+    )
+    return replace(found, fraction=min(1.0, after / before) if before > 0.0 else 1.0)
 
 
 def _any_of(logs: Sequence[float]) -> float:

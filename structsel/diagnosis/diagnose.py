@@ -166,7 +166,7 @@ def conclude(
         return detect_in_averages(problem) if moved else detect(flights, problem, candidates)
 
     ranking = rank(problem, library, progress, ask)
-    alone = isolated_residual(ranking.problem) if ranking.steps and turbulence is None else None
+    alone = isolated_residual(ranking.problem, ranking.start) if ranking.steps and turbulence is None else None
     if alone is not None and alone.probability > NAMED:
         ranking = without_names(ranking, alone)
 

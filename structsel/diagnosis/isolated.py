@@ -55,19 +55,23 @@ class IsolatedResidual:
         what the form of the simulation leaves of one, if that is more; each over the rms by which it varies.
     expected : float [-]
         What instruments, and the form of a simulation that is not exact, may leave of it, in the same unit.
+    fraction : float [-]
+        The lasting residual over that without the effects in the model. An effect that explains most of it is not wrong
+        because its form leaves the rest.
     """
 
     response: str
     size: float
     others: float
     expected: float = 0.0
+    fraction: float = 1.0
 
     @property
     def probability(self) -> float:
         """Probability of a mismatch of this response alone."""
         beyond = np.sqrt(max(0.0, self.size**2 - (_OTHERS * self.others) ** 2 - self.expected**2))
         odds = (beyond - _EVEN) / _SCALE, (_ACCURATE - self.others) / _ACCURACY_SCALE
-        return float(np.prod(scipy.special.expit(odds)))
+        return self.fraction * float(np.prod(scipy.special.expit(odds)))
 
     @property
     def says(self) -> str:
