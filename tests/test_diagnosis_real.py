@@ -18,6 +18,7 @@ pytestmark = [
 
 
 real = load_benchmark("real_recordings")
+wrong = load_benchmark("errors_in_real_recordings")
 
 
 @pytest.mark.parametrize(
@@ -46,6 +47,14 @@ def test_what_has_its_own_model_is_within_tolerances(name):
     _, found = real.run(name)
     assert found.verdict == "consistent"
     assert not found.findings
+
+
+@pytest.mark.parametrize("error", ["Cm_de halved", "no Cm_q", "thrust times 0.7"])
+def test_an_error_that_is_put_into_a_model_of_a_real_flight_has_its_name(error):
+    change, accept = wrong.ERRORS[error]
+    case = change(wrong.hfb320())
+    found = ss.diagnose(case.simulated(), case.recordings, case.aircraft)
+    assert found.findings[0].effect in accept
 
 
 @pytest.mark.parametrize("name", ["uav_ground", "uav_ground_second", "uav_airspeed", "uav_airspeed_second"])
