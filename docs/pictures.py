@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from structsel import AeroModel, Recording, simulate, trim
 from structsel.coefficients import compute_coefficients
 from structsel.comparison.flight import Flight, prepare_flight
+from structsel.comparison.responses import KINEMATIC
 from structsel.comparison.surrogate import identify
 from structsel.demo.aircraft import TRUTH, demo_aircraft
 from structsel.diagnosis.switch_search import On
@@ -114,7 +115,7 @@ def _clearest(flights: tuple[Flight, ...], form: Variant) -> tuple[Flight, str, 
                 left = parameter.sd * columns[:, k]
                 found.append((float(np.sqrt(np.mean(left**2))) / spread, flight, response, k, left))
     # What contradicts between instruments (k_...) is shown only where no coefficient tells.
-    return max(found, key=lambda one: (not one[2].startswith("k_") and one[0] > 0.0, one[0]))[1:]
+    return max(found, key=lambda one: (one[2] not in KINEMATIC and one[0] > 0.0, one[0]))[1:]
 
 
 def _driver(flight: Flight, left: np.ndarray) -> str:

@@ -76,6 +76,7 @@ def check_all(flights: Sequence[Flight], effect: Effect) -> None:
         for p in v.parameters:
             assert p.sd > 0.0, (effect.name, v.about, p.name)
             assert p.low < p.high, (effect.name, v.about, p.name)
+        assert set(v.times) == {n for n in v.shape if n == "time" or n.startswith("time in ")}, (effect.name, v.about)
         for f in flights:
             for r, H in v.columns(f).items():
                 assert r in f.measured, (effect.name, r)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -49,14 +49,10 @@ def readings_columns(flights: Sequence[Flight], response: str, noise: Sequence[A
     delayed = [{response: -f.rate(x)} for f, x in zip(flights, quiet)]
     sd = WITHIN_SAMPLE * float(np.median([f.dt for f in flights]))
     return [
-        _of_noise(response, f"{response}: noise", [{response: x} for x in noise]),
+        Nuisance.of_noise(f"{response}: noise", [{response: x} for x in noise], response),
         Nuisance(f"{response}: late", sd, "s", delayed, sd, True, ahead=True),
         *_coloured_noise(response, quiet),
     ]
-
-
-def _of_noise(response: str, name: str, columns: Sequence[Mapping[str, Array]]) -> Nuisance:
-    return Nuisance(name, 1.0, "relative", columns, 1.0, True, ahead=True, response=response)
 
 
 def _coloured_noise(response: str, signals: Sequence[Array]) -> list[Nuisance]:
@@ -69,6 +65,6 @@ def _coloured_noise(response: str, signals: Sequence[Array]) -> list[Nuisance]:
     while width < _SLOWEST * shortest:
         smooth = [smoothed(x, width) for x in signals]
         band = [{response: x - y} for x, y in zip(signals, smooth)]
-        made.append(_of_noise(response, f"{response}: noise of {width:g} samples", band))
+        made.append(Nuisance.of_noise(f"{response}: noise of {width:g} samples", band, response))
         signals, width = smooth, 2.0 * width
     return made

@@ -51,6 +51,11 @@ class Nuisance:
     constant: bool = False
     response: str = ""
 
+    @classmethod
+    def of_noise(cls, name: str, columns: Sequence[Mapping[str, Array]], response: str = "") -> Nuisance:
+        """Noise of any size, which is free before any refit."""
+        return cls(name, 1.0, "relative", columns, 1.0, True, ahead=True, response=response)
+
     def scale(self, fraction: float) -> float:
         """Factor on `sd` where errors are this fraction of the stated tolerances."""
         least = min(1.0, self.least / self.sd)

@@ -121,7 +121,7 @@ def tolerances_of(flights: Sequence[Flight]) -> list[Nuisance]:
             level,
         )
         # What the smooth states do not explain may be the noise of the states at which it was evaluated.
-        made.append(Nuisance(f"{response}: the rest", 1.0, "relative", rest, 1.0, True, ahead=True, response=response))
+        made.append(Nuisance.of_noise(f"{response}: the rest", rest, response))
     if not set(COEFFICIENTS) & set(first.simulated):
         return made
     add("mass", "mass", "relative", [mass_columns(f) for f in flights], "mass-error")
@@ -191,7 +191,7 @@ def _noise_asked_at(flights: Sequence[Flight]) -> list[Nuisance]:
             noise = [f.raw[c] - f.air.get(c, f.channels[c]) for f in flights]
             each = [{r: a * x for r, a in asked_wrongly(f, c).items()} for f, x in zip(flights, noise)]
             if _acts(each):
-                made.append(Nuisance(f"noise of {c}", 1.0, "relative", each, 1.0, True, ahead=True))
+                made.append(Nuisance.of_noise(f"noise of {c}", each))
     return made
 
 

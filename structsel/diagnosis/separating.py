@@ -28,6 +28,7 @@ from structsel.diagnosis.signatures import spectra_of
 from structsel.effects.wording import SURFACES
 from structsel.errors import DomainError, StructselError
 from structsel.inputs import design_inputs, multisine, name_derivatives, three_two_one_one
+from structsel.inputs.signals import whole_steps
 from structsel.model import AeroModel
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
@@ -203,7 +204,7 @@ def _inputs(
             tried.append((pulses, f"a 3-2-1-1 on the {_MOVED[c]}, {width:g} s and {large},"))
     if sizes:
         low, high = _BAND
-        period = dt * round(_DURATION / dt)
+        period = whole_steps(_DURATION, dt)
         moved = partial(multisine, list(sizes), list(sizes.values()), low=low, high=high, period=period, dt=dt)
         tried.append((moved, f"{', '.join(_MOVED[c] for c in sizes)} moved at once at {low:g} to {high:g} Hz"))
     for make, name in tried:

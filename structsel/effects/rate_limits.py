@@ -69,9 +69,8 @@ def _rated(
     controls: Sequence[str], operator: Callable[[Array, Flight], Array], limit: float, more: str = ""
 ) -> Variant:
     columns = displaced(*((c, 0, departure(c, operator)) for c in controls))
-    words = {"each": ALL} if len(controls) > 1 else {}
-    about = (words.get("each") or SURFACES[controls[0]]) + more
-    return Variant((FRACTION,), columns, {"rate": limit}, {"rate": "rad/s"}, about, model=_no_model, words=words)
+    about = (SURFACES[controls[0]] if len(controls) == 1 else ALL) + more
+    return Variant((FRACTION,), columns, {"rate": limit}, {"rate": "rad/s"}, about, model=_no_model)
 
 
 def _no_model(case: ModelCase) -> ModelForm | None:
@@ -95,6 +94,6 @@ def _slew(x, up, down, made):  # type: ignore[no-untyped-def]  # pragma: no cove
 
 def rate_says(found: FittedEffect) -> str:
     """The sentence of a rate limit."""
-    if "each" in found.variant.words:
+    if found.variant.about == ALL:
         return f"Each surface moves no faster than {shown(found, 'rate')}, slower than its command."
     return f"The {subject(found)} moves no faster than {shown(found, 'rate')}, slower than its command."

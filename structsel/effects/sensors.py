@@ -172,7 +172,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
                     (EffectParameter(_AXES[axis], "m", sd, -10.0 * sd, 10.0 * sd),),
                     wrong_readings(partial(_arms, arm=arm, axes=(axis,))),
                     about=f"{name}, along body {_AXES[axis]}",
-                    words={"instrument": capital(name)},
+                    words={"instrument": name},
                 )
             )
         if arm is _arm_at_vane:
@@ -182,7 +182,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
                     (EffectParameter("x", "m", sd, -10.0 * sd, 10.0 * sd),),
                     wrong_readings(partial(_arm_of_one, channel=channel)),
                     about=f"{INSTRUMENTS[channel]}, along body x",
-                    words={"instrument": capital(INSTRUMENTS[channel])},
+                    words={"instrument": INSTRUMENTS[channel]},
                 )
                 for channel in ("alpha", "beta")
             ]
@@ -191,7 +191,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
                 tuple(EffectParameter(x, "m", sd, -10.0 * sd, 10.0 * sd) for x in _AXES),
                 wrong_readings(partial(_arms, arm=arm, axes=(0, 1, 2))),
                 about=f"{name}, along all axes",
-                words={"instrument": capital(name)},
+                words={"instrument": name},
             )
         )
     return made
@@ -199,7 +199,7 @@ def _position_variants(flights: Flights) -> list[Variant]:
 
 def _position_says(found: FittedEffect) -> str:
     where = ", ".join(f"{x} {found.text(x)}" for x in _AXES if x in found.estimates)
-    return f"{found.variant.words['instrument']} stands elsewhere than stated, by {where} in body axes."
+    return f"{capital(found.variant.words['instrument'])} stands elsewhere than stated, by {where} in body axes."
 
 
 # Misalignments
@@ -267,7 +267,7 @@ def _misalignment_variants(flights: Flights) -> list[Variant]:
 def _misalignment_says(found: FittedEffect) -> str:
     if "fraction" in found.estimates:
         one, other = found.variant.words["one"], found.variant.words["other"]
-        return f"{one[0].upper()}{one[1:]} contains a fraction of {other}, as if turned by {shown(found, 'fraction')}."
+        return f"{capital(one)} contains a fraction of {other}, as if turned by {shown(found, 'fraction')}."
     by = ", ".join(f"{shown(found, f'about {x}')} about body {x}" for x in _AXES if f"about {x}" in found.estimates)
     return f"{capital(subject(found))} {found.variant.words['be']} mounted turned by {by}."
 

@@ -193,7 +193,13 @@ def compare_inputs(
         pulses("2-1-1-1", (2, -1, 1, -1)),
         signals.combine(*sweeps, name="frequency sweep"),
         multisine(
-            tuple(size), tuple(size.values()), low=low, high=high, period=_to_steps(duration, dt), dt=dt, seed=seed
+            tuple(size),
+            tuple(size.values()),
+            low=low,
+            high=high,
+            period=signals.whole_steps(duration, dt),
+            dt=dt,
+            seed=seed,
         ),
         mehra(model, low=1.0 / duration, high=high, scales=size, seed=seed, **common),
         schulz(model, scales=size, parameter_scales=options.parameter_scales, **common),
@@ -208,10 +214,6 @@ def compare_inputs(
         inputs.append(Recording(f"optimal {criterion}", u.t, u.channels, u.units, u.provenance))
     done = [with_information(u) for u in [*inputs, *more]]
     return InputComparison(names, sizes, energy, tuple(u for u, _, _ in done), tuple(info for _, info, _ in done))
-
-
-def _to_steps(duration: float, dt: float) -> float:
-    return dt * round(duration / dt)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -28,6 +28,11 @@ def clock(duration: float, dt: float) -> np.ndarray:
     return dt * np.arange(round(duration / dt) + 1)
 
 
+def whole_steps(duration: float, dt: float) -> float:
+    """The duration [s] as a whole number of steps."""
+    return dt * round(duration / dt)
+
+
 def multistep(
     channel: str,
     amplitude: float,
