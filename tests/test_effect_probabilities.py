@@ -246,18 +246,24 @@ def test_what_is_collected_of_a_case_gives_the_probabilities_that_the_diagnosis_
 
 
 @pytest.mark.parametrize(
-    ("times", "only_in", "choices"),
-    [(("time",), (), 60.0), (("time in m01", "time in m02"), (), 60.0**2), ((), ("m01",), 2.0**2)],
+    ("times", "only_in", "values", "choices"),
+    [
+        (("time",), (), 1.0, 60.0),
+        (("time in m01", "time in m02"), (), 1.0, 60.0**2),
+        ((), ("m01",), 1.0, 2.0**2),
+        ((), (), 7.0, 7.0),
+    ],
 )
-def test_each_searched_time_and_chosen_manoeuvre_costs_the_log_of_the_number_of_choices(times, only_in, choices):
+def test_what_was_searched_costs_the_log_of_the_number_of_choices(times, only_in, values, choices):
     base = SimpleNamespace(evidence=np.zeros((1, 2)), y=[np.zeros(4)], freed=np.zeros(1))
     trial = Trial(50.0, np.array([25.0, 25.0]), np.ones(1), np.eye(1), np.array([50.0]))
 
-    def found(given, where):
-        variant = SimpleNamespace(times=given, only_in=where, parameters=(EffectParameter("bias", "-", 1.0),))
+    def found(given, where, searched):
+        parameters = (EffectParameter("bias", "-", 1.0),)
+        variant = SimpleNamespace(times=given, only_in=where, parameters=parameters, searched=searched)
         form = SimpleNamespace(variant=variant, flights={"m01", "m02"})
         return scoring.score(SimpleNamespace(base=base), SimpleNamespace(event=False), [form], [trial])
 
     # Half a minute has sixty places half a second apart.
-    cost = found((), ()).log_evidence - found(times, only_in).log_evidence
+    cost = found((), (), 0.0).log_evidence - found(times, only_in, np.log(values)).log_evidence
     assert cost == pytest.approx(np.log(choices), rel=0.05)

@@ -58,7 +58,8 @@ def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str
         and [p.name for p in s.variant.parameters] == [p.name for p in variant.parameters]
     ]
     # No form is exact: the spread of those that are nearly as good is part of the uncertainty.
-    logs = np.array([w for w, _, _ in alike]) / max(_TEMPERATURE, _OF_BEST * score.log_evidence)
+    temperature = max(_TEMPERATURE, _OF_BEST * score.log_evidence)
+    logs = np.array([w for w, _, _ in alike]) / temperature
     weights = np.exp(logs - logs.max())
     weights = weights / weights.sum()
     forms = np.array([t for _, _, t in alike])
@@ -71,8 +72,9 @@ def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str
         centre = float(weights @ values)
         grid = np.unique(values)
         near = np.abs(grid - float(value))
-        step = float(np.min(near[near > 0.0])) if np.any(near > 0.0) else 0.0
-        known = float(np.sqrt(weights @ (values - centre) ** 2 + step**2 / 12.0 + variant.spread.get(name, 0.0) ** 2))
+        step = float(np.min(near[near > 0.0])) if np.any(near > 0.0) and name not in variant.spread else 0.0
+        spread = variant.spread.get(name, 0.0) * (1.0 if name in variant.times else np.sqrt(temperature))
+        known = float(np.sqrt(weights @ (values - centre) ** 2 + step**2 / 12.0 + spread**2))
         made[name] = ParameterEstimate(centre, _BEYOND * known, variant.units.get(name, "-"))
     return made
 

@@ -12,6 +12,7 @@ from structsel.diagnosis.detection import SCALE, Detection
 from structsel.diagnosis.effect_probability import distribution, first_probabilities, further_probabilities
 from structsel.diagnosis.input_response import InputDrivenMotion
 from structsel.diagnosis.problem import DiagnosisProblem
+from structsel.diagnosis.reshaping import reshape
 from structsel.diagnosis.residuals import white_fraction
 from structsel.diagnosis.result import UNNAMED
 from structsel.diagnosis.scoring import EffectScore, score_all
@@ -169,7 +170,7 @@ def search_effects(
     motion : InputDrivenMotion
         Of the flights.
     """
-    scores = motion.confirm(problem, refine(problem, score_all(problem, library)))
+    scores = motion.confirm(problem, reshape(problem, refine(problem, score_all(problem, library))))
     return scores, candidate_effects(problem, scores)
 
 

@@ -18,6 +18,7 @@ _COUNTS, _IN_FULL = 0.6, 0.8
 """Fractions of the gain by tolerances that an effect replaces, from which this counts, and counts fully."""
 _STILL_OFF = 0.01  # log Bayes factor per row that tolerances may add to the effect
 EVENT_COST = 4.0  # log of the number of possible times in half a minute, half a second apart
+_CLOSE = 0.5  # log evidence over the largest, from which event times and shapes are refined
 _BEYOND_ONE = 2.0  # log Bayes factor of an effect over the best single tolerance, all others being exact
 
 
@@ -97,7 +98,7 @@ def score(
     problem: DiagnosisProblem, hypothesis: Effect, forms: Sequence[Signature], trials: Sequence[Trial]
 ) -> EffectScore:
     """Score of one hypothesis from the trials of its forms."""
-    within = np.array([_limited(s, t) for s, t in zip(forms, trials)])
+    within = np.array([limited(s, t) for s, t in zip(forms, trials)])
     evidence = np.array([t.log_bayes for t in trials]) + within
     log_weights = evidence - scipy.special.logsumexp(evidence)
     # Weights of the forms, computed from the other flights only.
@@ -113,9 +114,14 @@ def score(
     )
 
 
+def leading(scores: Sequence[EffectScore], least: float) -> list[EffectScore]:
+    """Effects whose log evidence is more than `least` and than half the largest."""
+    return [one for one in scores if one.log_evidence >= max(least, _CLOSE * max(s.log_evidence for s in scores))]
+
+
 def judged_by(score: EffectScore, form: int) -> EffectScore:
     """The score, judged by another of its forms."""
-    return replace(score, best=form, within=_limited(score.signatures[form], score.trials[form]))
+    return replace(score, best=form, within=limited(score.signatures[form], score.trials[form]))
 
 
 def _reductions(problem: DiagnosisProblem, trials: Sequence[Trial]) -> Array:
@@ -143,7 +149,7 @@ def _reductions(problem: DiagnosisProblem, trials: Sequence[Trial]) -> Array:
     )
 
 
-def _limited(signature: Signature, trial: Trial) -> float:
+def limited(signature: Signature, trial: Trial) -> float:
     """Log probability of the limits of a form, minus the cost of its search."""
     return _within(signature, trial) - _sought(signature, len(trial.predictive))
 
@@ -162,8 +168,9 @@ def _within(signature: Signature, trial: Trial) -> float:
 
 
 def _sought(signature: Signature, manoeuvres: int) -> float:
-    """Log of the number of event times and of sets of manoeuvres among which a form was chosen."""
-    return EVENT_COST * len(signature.variant.times) + (manoeuvres * np.log(2.0) if signature.variant.only_in else 0.0)
+    """Log of the number of event times, sets of manoeuvres and values of its shape among which a form was chosen."""
+    form = signature.variant
+    return EVENT_COST * len(form.times) + (manoeuvres * np.log(2.0) if form.only_in else 0.0) + form.searched
 
 
 def _log_between(a: float, b: float) -> float:

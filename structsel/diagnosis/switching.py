@@ -15,7 +15,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.nuisance import Nuisance
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.running_sums import RunningSums
-from structsel.diagnosis.scoring import EffectScore, score
+from structsel.diagnosis.scoring import EffectScore, leading, score
 from structsel.diagnosis.signatures import Library, Signature, acting, spectra_of
 from structsel.diagnosis.switch_search import ALWAYS, NEVER, Found, On, Parts, search, spreads
 from structsel.diagnosis.weighing import EVIDENT
@@ -25,7 +25,6 @@ from structsel.effects.operators import shape_of
 
 _COARSE, _FINE = 0.5, 0.1  # s between times that are tried, in the complete flight and then nearby
 _NEAR = 1.0  # s, around each time
-_CLOSE = 0.5  # log evidence over the largest, from which times are refined
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +70,10 @@ def with_proposals(
 
 def refine(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[EffectScore]:
     """Scores with the times of switched forms by the evidence of white rows; the largest evidence first."""
-    made = []
-    least = max(EVIDENT, _CLOSE * max(one.log_evidence for one in scores)) if scores else 0.0
+    made, asked = [], leading(scores, EVIDENT)
     for one in scores:
         form = one.signature
-        if isinstance(form, SwitchedForm) and one.log_evidence >= least:
+        if isinstance(form, SwitchedForm) and one in asked:
             better = _refined(problem, form)
             forms = [better if s is form else s for s in one.signatures]
             trials = [*one.trials]
@@ -180,4 +178,5 @@ def switched_form(variant: Variant, when: Mapping[str, On]) -> Variant:
         only_in=tuple(when),
         times=searched,
         words={**variant.words, "when": says},
+        again=None,
     )

@@ -21,6 +21,7 @@ from structsel.effects.base import (
     ModelForm,
     Variant,
     Weights,
+    of_shape,
 )
 from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.model_forms import MakeModel, add_term, derivative, one_hot, state_after
@@ -105,6 +106,8 @@ def _lag_says(found: FittedEffect) -> str:
 
 # Stops
 
+_SIDES = {"upper": "upper side", "lower": "lower side", "both": "either way"}
+
 
 def _stops(case: ModelCase, side: str) -> dict[str, Quantity]:
     """Limits of the travel on one side or both."""
@@ -118,7 +121,6 @@ def _stops(case: ModelCase, side: str) -> dict[str, Quantity]:
 
 def _stop_variants(flights: Flights) -> list[Variant]:
     made = []
-    sides = {"upper": "upper side", "lower": "lower side", "both": "either way"}
     for control in used_controls(flights):
         values = gathered(flights, control)
         low, high = float(values.min()), float(values.max())
@@ -127,18 +129,20 @@ def _stop_variants(flights: Flights) -> list[Variant]:
             middle = float(np.median(values))
             up, down = middle + fraction * (high - middle), middle + fraction * (low - middle)
             both = fraction * max(abs(low), abs(high))
-            for name, limits in (("upper", (-np.inf, up)), ("lower", (down, np.inf)), ("both", (-both, both))):
-                made.append(
-                    Variant(
-                        (FRACTION,),
-                        followed(control, partial(stopped, low=limits[0], high=limits[1])),
-                        {"stop": limits[0] if name == "lower" else limits[1]}, {"stop": "rad"},
-                        f"{SURFACES[control]}, {sides[name]}",
-                        model=state_after([control], "stops", "stopped", partial(_stops, side=name)),
-                        words={"surface": SURFACES[control], "side": sides[name]},
-                    )
-                )  # fmt: skip
+            made += [
+                of_shape(partial(_stopping, control, side), x) for side, x in zip(_SIDES, (up, down, both)) if x != 0.0
+            ]
     return made
+
+
+def _stopping(control: str, side: str, stop: float) -> Variant:
+    low, high = {"upper": (-np.inf, stop), "lower": (stop, np.inf), "both": (-stop, stop)}[side]
+    return Variant(
+        (FRACTION,), followed(control, partial(stopped, low=low, high=high)), {"stop": stop}, {"stop": "rad"},
+        f"{SURFACES[control]}, {_SIDES[side]}",
+        model=state_after([control], "stops", "stopped", partial(_stops, side=side)),
+        words={"surface": SURFACES[control], "side": _SIDES[side]},
+    )  # fmt: skip
 
 
 def _stop_says(found: FittedEffect) -> str:
@@ -159,16 +163,16 @@ def _play_variants(flights: Flights) -> list[Variant]:
         narrowest, widest = max(0.02 * reach, _ABOVE_NOISE * noise), 0.5 * reach
         if narrowest >= widest:
             continue
-        for width in spaced(narrowest, widest, 10):
-            made.append(
-                Variant(
-                    (FRACTION,),
-                    followed(control, partial(actuated, backlash=width)),
-                    {"width": width}, {"width": "rad"}, SURFACES[control],
-                    model=state_after([control], "backlash", "play", lambda case: {"width": case.quantity("width")}),
-                )
-            )  # fmt: skip
+        made += [of_shape(partial(_play, control), width) for width in spaced(narrowest, widest, 10)]
     return made + [v for one in channels_with_input(flights) for v in _play_of_input(flights, one)]
+
+
+def _play(control: str, width: float) -> Variant:
+    return Variant(
+        (FRACTION,), followed(control, partial(actuated, backlash=width)), {"width": width}, {"width": "rad"},
+        SURFACES[control],
+        model=state_after([control], "backlash", "play", lambda case: {"width": case.quantity("width")}),
+    )  # fmt: skip
 
 
 def _play_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
@@ -178,10 +182,12 @@ def _play_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
     narrowest, widest = max(0.01 * reach, _ABOVE_NOISE * noise), 0.5 * reach
     if narrowest >= widest:
         return []
-    return [
-        Variant((FRACTION,), one.behind(partial(actuated, backlash=x)), {"width": x}, {"width": ""}, one.control)
-        for x in spaced(narrowest, widest, 12)
-    ]
+
+    def form(width: float) -> Variant:
+        behind_play = one.behind(partial(actuated, backlash=width))
+        return Variant((FRACTION,), behind_play, {"width": width}, {"width": ""}, one.control)
+
+    return [of_shape(form, x) for x in spaced(narrowest, widest, 12)]
 
 
 def _play_says(found: FittedEffect) -> str:

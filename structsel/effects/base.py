@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from structsel.aircraft import Aircraft
@@ -85,6 +85,11 @@ class Variant:
         Standard deviations of those of `shape` that were estimated from the differences.
     times : tuple of str
         Those of `shape` that are times of events, which were searched in the differences.
+    again : callable, optional
+        Values of `shape`, in its order, to this form with them; see `of_shape`.
+    searched : float
+        Log of the number of forms that the differences can tell from each other, among which the values of `shape`
+        were searched, over those of the effect.
     """
 
     parameters: tuple[EffectParameter, ...]
@@ -98,6 +103,20 @@ class Variant:
     words: Mapping[str, str] = field(default_factory=dict)
     spread: Mapping[str, float] = field(default_factory=dict)
     times: tuple[str, ...] = ()
+    again: Callable[..., Variant] | None = None
+    searched: float = 0.0
+
+
+def of_shape(make: Callable[..., Variant], *values: float) -> Variant:
+    """The form with some values of its shape, which the differences may refine.
+
+    Parameters
+    ----------
+    make : callable
+        Values of `Variant.shape`, in its order and none of them zero, to the form.
+    values : float
+    """
+    return replace(make(*values), again=make)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
+from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant, of_shape
 from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.signals import (
     CHANNELS_OF,
@@ -39,6 +39,7 @@ _LAWS: dict[str, Callable[[Array], Array]] = {
     "d^2": lambda d: d**2,
 }
 _THRESHOLDS = (0.3, 0.45, 0.6, 0.75)  # of the largest deflection
+_STOPS = 0.9  # fraction lost beyond a deflection, above which the surface stops there
 _DEAD = (0.03, 0.06, 0.1, 0.15, 0.2, 0.3)  # of the same, within which an input does nothing
 _LAW_TERMS = {"d|d|": "{0}*abs({0})", "d^3": "{0}^3", "d^2": "{0}^2"}
 _CURVATURES = (0.0, 0.4)  # of the loss of power with dynamic pressure: k q / (1 + c q)
@@ -80,12 +81,13 @@ def _bends(flights: Flights) -> list[Variant]:
             )
             made += [_by_law(one, name) for one in forms]
         for fraction in _THRESHOLDS:
-            column = _beyond(control, fraction * largest)
-            shape = {"beyond": fraction * largest}
-            term = f"sign({control})*(abs({control}) - {fraction * largest!r})+"
-            made.append(_bent(flights, control, column, "beyond a deflection", term, shape=shape))
-            made.append(_bent(flights, control, column, "beyond a deflection", term, main, shape))
+            made += [of_shape(partial(_bent_beyond, flights, control, of), fraction * largest) for of in ((), main)]
     return made + [v for one in channels_with_input(flights) for v in _bent_inputs(flights, one)]
+
+
+def _bent_beyond(flights: Flights, control: str, only: tuple[str, ...], start: float) -> Variant:
+    term, lost = f"sign({control})*(abs({control}) - {start!r})+", _beyond(control, start)
+    return _bent(flights, control, lost, "beyond a deflection", term, only, {"beyond": start}, _STOPS)
 
 
 def _bent_inputs(flights: Flights, one: DrivenChannel) -> list[Variant]:
@@ -97,13 +99,15 @@ def _bent_inputs(flights: Flights, one: DrivenChannel) -> list[Variant]:
     for name, law in _LAWS.items():
         lost = partial(_fraction_lost, law=law, largest=largest)
         made.append(_by_law(_bent_input(one, lost, middle, name), name))
-    for fraction in _THRESHOLDS:
-        start = fraction * largest
-        made.append(_bent_input(one, partial(_excess, start=start), middle, "beyond a deflection", {"beyond": start}))
-    for fraction in _DEAD:
-        end = fraction * largest
-        made.append(_bent_input(one, partial(np.clip, a_min=-end, a_max=end), middle, "dead zone", {"within": end}))
-    return made
+
+    def beyond(start: float) -> Variant:
+        return _bent_input(one, partial(_excess, start=start), middle, "beyond a deflection", {"beyond": start})
+
+    def within(end: float) -> Variant:
+        return _bent_input(one, partial(np.clip, a_min=-end, a_max=end), middle, "dead zone", {"within": end})
+
+    made += [of_shape(beyond, fraction * largest) for fraction in _THRESHOLDS]
+    return made + [of_shape(within, fraction * largest) for fraction in _DEAD]
 
 
 def _by_law(form: Variant, law: str) -> Variant:
@@ -156,6 +160,7 @@ def _bent(
     term: str,
     only: tuple[str, ...] = (),
     shape: Mapping[str, float] | None = None,
+    most: float = 1.2,
 ) -> Variant:
     """Deflection lost, and with it the control's part of its coefficients by one ratio."""
     slopes = {r: mean_slope(flights, r, control) for r in only or held(flights, CONTROLS[control])}
@@ -165,7 +170,7 @@ def _bent(
         x = lost(flight)
         return {r: (-s * x)[:, None] for r, s in slopes.items() if s != 0.0 and r in flight.measured}
 
-    parameter = EffectParameter(f"{control} loss", "-", 0.25, -1.2, 1.2)
+    parameter = EffectParameter(f"{control} loss", "-", 0.25, -1.2, most)
     given = shape or {}
     words = {"control": control, "law": f"{about}{where}", "where": where}
     units = dict.fromkeys(given, "rad")

@@ -13,19 +13,20 @@ from functools import partial
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant
+from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant, of_shape
 from structsel.effects.lasting_changes import lasting_changes
 from structsel.effects.operators import oscillate, peaks, shape_of, spaced
 from structsel.effects.signals import Parts, coefficients, held, lacking, of_parts
 from structsel.nomenclature import FORCE_COEFFICIENTS, MOMENT_COEFFICIENTS
 from structsel.numerics.air_data import cross
-from structsel.numerics.arrays import Array
+from structsel.numerics.arrays import Array, centred
 from structsel.numerics.rigid_body import angular_acceleration, inertial_moment, thrust_moment
 
 _SLOSH = (0.25, 2.0)  # Hz
-_SLOSH_FREQUENCIES = 17  # 14 % apart, as far as the wider of the resonances is wide
+_SLOSH_FREQUENCIES = 12  # 21 % apart
 _SLOSH_DAMPINGS = (0.025, 0.08)
-_AROUND = (0.95, 1.0, 1.05)  # of a peak: a short recording shows it no better
+_AGAINST = "against a simulation without this mass"
+_LEAST_SWING = 1e-6  # fraction of its power, of rounding
 _DURATIONS = (0.0, 5.0, 10.0)  # s, of a shift: a tank that empties, a passenger who walks
 _GROWTH, _RATE = "fraction from first to last", "fraction per min"
 
@@ -244,44 +245,50 @@ def _inertia_says(found: FittedEffect) -> str:
 # Fuel or loads that swing
 
 
-def _swinging(flight: Flight, axis: int, frequency: float, damping: float) -> Parts:
-    force = flight.forces[axis]
-    qS, aircraft = flight["qbar"] * flight.aircraft.S, flight.aircraft
+def _swung(flight: Flight, axis: int, frequency: float, damping: float) -> tuple[Array, Array]:
+    """Force on the aircraft along an axis [N], and that of a spring which held all of its mass."""
+    force = flight.forces[axis] * flight["qbar"] * flight.aircraft.S
+    return force, flight["mass"] * oscillate(force / flight["mass"], flight.dt, frequency, damping)
+
+
+def _swinging(flight: Flight, axis: int, rides: bool, frequency: float, damping: float) -> Parts:
+    force, spring = _swung(flight, axis, frequency, damping)
     # A mass on a pendulum does not go with the aircraft: its part of the force is delayed and oscillates.
-    accel = force * qS / flight["mass"]
-    swinging = -(oscillate(accel, flight.dt, frequency, damping) - accel) * flight["mass"] / qS
+    swinging = (force - spring if rides else spring) / (flight["qbar"] * flight.aircraft.S)
     if axis == 1:
-        return [("CY", 0, swinging), ("Cl", 1, swinging / aircraft.b), ("Cn", 2, swinging / aircraft.b)]
-    return [(FORCE_COEFFICIENTS[axis], 0, swinging), ("Cm", 1, swinging / aircraft.cbar)]
+        return [("CY", 0, swinging), ("Cl", 1, swinging / flight.aircraft.b), ("Cn", 2, swinging / flight.aircraft.b)]
+    return [(FORCE_COEFFICIENTS[axis], 0, swinging), ("Cm", 1, swinging / flight.aircraft.cbar)]
 
 
 def _slosh_variants(flights: Flights) -> list[Variant]:
-    aircraft = flights[0].aircraft
-    fraction = EffectParameter("fraction of the mass", "-", 0.05, -0.3, 0.3)
-    arm = 0.03 * aircraft.b
-    side = (fraction, EffectParameter("roll arm", "m", arm), EffectParameter("yaw arm", "m", arm))
-    pitch = (fraction, EffectParameter("pitch arm", "m", 0.05 * aircraft.cbar))
     made = []
-    for axis, parameters, name in ((1, side, "sideways"), (0, pitch, "fore and aft")):
+    for axis, name in ((1, "sideways"), (0, "fore and aft")):
         seen = peaks(flights, (FORCE_COEFFICIENTS[axis],), 3, *_SLOSH)
-        near = [x * by for x in seen for by in _AROUND]
-        for frequency in [
-            *near,
-            *(x for x in spaced(*_SLOSH, _SLOSH_FREQUENCIES) if all(abs(np.log(x / y)) > 0.1 for y in seen)),
-        ]:
-            for damping in _SLOSH_DAMPINGS:
-                shape = {"frequency": frequency, "damping": damping}
-                made.append(
-                    of_parts(
-                        parameters,
-                        partial(_swinging, axis=axis, frequency=frequency, damping=damping),
-                        name,
-                        (),
-                        shape,
-                        {"frequency": "Hz", "damping": "-"},
-                    )
-                )
+        rest = [x for x in spaced(*_SLOSH, _SLOSH_FREQUENCIES) if all(abs(np.log(x / y)) > 0.1 for y in seen)]
+        for rides, about in ((True, name), (False, f"{name}, {_AGAINST}")):
+            form = partial(_slosh, flights, about, axis, rides)
+            made += [of_shape(form, f, damping) for f in [*seen, *rest] for damping in _SLOSH_DAMPINGS]
     return made
+
+
+def _slosh(flights: Flights, about: str, axis: int, rides: bool, frequency: float, damping: float) -> Variant:
+    aircraft, of_swing = flights[0].aircraft, 1.0
+    if not rides:
+        # What is proportional to the force is that of any mass, and its error one of the derivatives.
+        force, spring = (centred(x) for x in zip(*(_swung(f, axis, frequency, damping) for f in flights)))
+        power = float(force @ force) * float(spring @ spring)
+        alike = float(force @ spring) ** 2 / power if power > 0.0 else 0.0
+        of_swing = float(np.sqrt(max(_LEAST_SWING, 1.0 - alike)))
+    arms = {"roll arm": 0.03 * aircraft.b, "yaw arm": 0.03 * aircraft.b}
+    if axis == 0:
+        arms = {"pitch arm": 0.05 * aircraft.cbar}
+    parameters = (
+        EffectParameter("fraction of the mass", "-", 0.05 * of_swing, -0.3, 0.3),
+        *(EffectParameter(arm, "m", sd * of_swing) for arm, sd in arms.items()),
+    )
+    parts = partial(_swinging, axis=axis, rides=rides, frequency=frequency, damping=damping)
+    shape = {"frequency": frequency, "damping": damping}
+    return of_parts(parameters, parts, about, (), shape, {"frequency": "Hz", "damping": "-"})
 
 
 EFFECTS: tuple[Effect, ...] = (

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, EffectParameter, Flights, Variant
+from structsel.effects.base import Columns, EffectParameter, Flights, Variant, of_shape
 from structsel.effects.signals import signature
 from structsel.numerics.compiling import njit
 
@@ -23,14 +23,13 @@ def latched_variants(flights: Flights, top: float) -> list[Variant]:
         for more, unit, factor in (("", "-", 1.0), (" per alpha", "1/rad", 5.0))
         for r, sd in (("CZ", 0.3 * factor), ("CX", 0.1 * factor), ("Cm", 0.05 * factor))
     )
-    made = []
-    for fraction in _LATCHING:
-        for below in _RELEASING:
-            onset = fraction * top
-            columns = partial(latched, onset=onset, release=below * onset)
-            shape = {"onset": onset, "release": below * onset}
-            made.append(Variant(parameters, columns, shape, dict.fromkeys(shape, "rad"), LATCH))
-    return made
+
+    def form(onset: float, release: float) -> Variant:
+        shape = {"onset": onset, "release": release}
+        columns = partial(latched, onset=onset, release=release)
+        return Variant(parameters, columns, shape, dict.fromkeys(shape, "rad"), LATCH)
+
+    return [of_shape(form, high * top, low * high * top) for high in _LATCHING for low in _RELEASING]
 
 
 def latched(flight: Flight, onset: float, release: float) -> Columns:

@@ -17,6 +17,7 @@ from structsel.effects.base import (
     ModelCase,
     ModelForm,
     Variant,
+    of_shape,
 )
 from structsel.effects.model_forms import one_hot
 from structsel.effects.operators import spaced
@@ -90,12 +91,15 @@ def _sidewash_variants(flights: Flights) -> list[Variant]:
 def _wakes(parameters: tuple[EffectParameter, ...], angle: str, length: str, moved: tuple[str, ...]) -> list[Variant]:
     term = (f"{angle}_dot_hat",)
     made = [Variant(parameters, _wake(angle, length, moved, None), about="by its rate", terms=term)]
-    for chords in _TAIL_CHORDS:
+
+    def delayed_wake(chords: float) -> Variant:
         columns = _wake(angle, length, moved, chords)
         model = partial(_wake_model, angle=angle, length=length, moved=moved)
-        shape, units = {"distance": chords}, {"distance": "chords"}
-        made.append(Variant(parameters, columns, shape, units, "as a delay", term, model=model))
-    return made
+        return Variant(
+            parameters, columns, {"distance": chords}, {"distance": "chords"}, "as a delay", term, model=model
+        )
+
+    return made + [of_shape(delayed_wake, chords) for chords in _TAIL_CHORDS]
 
 
 def _wake_model(case: ModelCase, angle: str, length: str, moved: tuple[str, ...]) -> ModelForm:
@@ -139,12 +143,13 @@ def _lift_variants(flights: Flights) -> list[Variant]:
         )
         for name, parts in _INDICIAL.items()
     ]
-    for chords in _LIFT_CHORDS:
-        # A = 1 makes it a lag of all the lift; the fraction says of how much.
-        parts = ((1.0, 0.5 / chords),)
-        columns, shape, units = partial(_building, parts=parts), {"lag": chords}, {"lag": "chords"}
-        made.append(Variant(parameters, columns, shape, units, "one lag", model=_building_model))
-    return made
+    return made + [of_shape(partial(_one_lag, parameters), chords) for chords in _LIFT_CHORDS]
+
+
+def _one_lag(parameters: tuple[EffectParameter, ...], chords: float) -> Variant:
+    # A = 1 makes it a lag of all the lift; the fraction says of how much.
+    columns = partial(_building, parts=((1.0, 0.5 / chords),))
+    return Variant(parameters, columns, {"lag": chords}, {"lag": "chords"}, "one lag", model=_building_model)
 
 
 def _building_model(case: ModelCase, parts: tuple[tuple[float, float], ...] = ()) -> ModelForm:

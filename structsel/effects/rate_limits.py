@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import FittedEffect, Flights, ModelCase, ModelForm, Variant
+from structsel.effects.base import FittedEffect, Flights, ModelCase, ModelForm, Variant, of_shape
 from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.model_forms import state_after
 from structsel.effects.operators import spaced
@@ -33,24 +33,37 @@ def rate_variants(flights: Flights) -> list[Variant]:
         # A step within a sample is faster than any limit: what counts there is how long its size takes.
         slowest = min(0.12 * fastest, float(np.ptp(gathered(flights, control))) / _LONGEST)
         count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
-        for limit in spaced(slowest, 0.85 * fastest, count):
-            made.append(
-                Variant(
-                    (FRACTION,),
-                    followed(control, partial(actuated, rate=limit)),
-                    {"rate": limit}, {"rate": "rad/s"}, SURFACES[control],
-                    model=state_after([control], "rate limit", "limited", lambda case: {"rate": case.quantity("rate")}),
-                )
-            )  # fmt: skip
+        made += [of_shape(partial(_limited, control), x) for x in spaced(slowest, 0.85 * fastest, count)]
         for limit in spaced(2.0 * slowest, 0.7 * fastest, 3):
-            for direction, up, down in (("up", limit, np.inf), ("down", np.inf, limit)):
-                made.append(_rated((control,), partial(_slewing, up=up, down=down), limit, f", {direction} only"))
-            made.append(_rated((control,), partial(actuated, lag=_LAGGING, rate=limit), limit, f", {_LAGGED}"))
+            made += [of_shape(partial(_one_way, control, way), limit) for way in ("up", "down")]
+            made.append(of_shape(partial(_lagging, control), limit))
     controls = used_controls(flights)
     if len(controls) > 1:
         fastest = max(float(np.abs(f.rate(f[c])).max()) for f in flights for c in controls)
-        made += [_rated(controls, partial(actuated, rate=x), x) for x in spaced(0.12 * fastest, 0.85 * fastest, 5)]
+        every = partial(_every, tuple(controls))
+        made += [of_shape(every, x) for x in spaced(0.12 * fastest, 0.85 * fastest, 5)]
     return made + [v for one in channels_with_input(flights) for v in _limits_of_input(flights, one)]
+
+
+def _limited(control: str, limit: float) -> Variant:
+    return Variant(
+        (FRACTION,), followed(control, partial(actuated, rate=limit)), {"rate": limit}, {"rate": "rad/s"},
+        SURFACES[control],
+        model=state_after([control], "rate limit", "limited", lambda case: {"rate": case.quantity("rate")}),
+    )  # fmt: skip
+
+
+def _one_way(control: str, way: str, limit: float) -> Variant:
+    up, down = (limit, np.inf) if way == "up" else (np.inf, limit)
+    return _rated((control,), partial(_slewing, up=up, down=down), limit, f", {way} only")
+
+
+def _lagging(control: str, limit: float) -> Variant:
+    return _rated((control,), partial(actuated, lag=_LAGGING, rate=limit), limit, f", {_LAGGED}")
+
+
+def _every(controls: Sequence[str], limit: float) -> Variant:
+    return _rated(controls, partial(actuated, rate=limit), limit)
 
 
 def _limits_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
@@ -59,10 +72,12 @@ def _limits_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
     fastest = max(float(np.abs(f.rate(x)).max()) for f, x in zip(flights, recorded))
     slowest = min(0.05 * fastest, float(np.ptp(np.concatenate(recorded))) / (_PART * flights[0].dt * len(flights[0])))
     count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
-    return [
-        Variant((FRACTION,), one.behind(partial(actuated, rate=x)), {"rate": x}, {"rate": "per s"}, one.control)
-        for x in spaced(slowest, 0.85 * fastest, count)
-    ]
+
+    def form(limit: float) -> Variant:
+        behind = one.behind(partial(actuated, rate=limit))
+        return Variant((FRACTION,), behind, {"rate": limit}, {"rate": "per s"}, one.control)
+
+    return [of_shape(form, x) for x in spaced(slowest, 0.85 * fastest, count)]
 
 
 def _rated(

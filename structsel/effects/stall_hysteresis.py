@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -18,9 +19,10 @@ from structsel.effects.base import (
     ModelForm,
     Variant,
     Weights,
+    of_shape,
 )
 from structsel.effects.latched_stall import latched_variants
-from structsel.effects.model_forms import add_term, one_hot
+from structsel.effects.model_forms import MakeModel, add_term, one_hot
 from structsel.effects.signals import (
     from_lift_and_drag,
     gathered,
@@ -41,6 +43,7 @@ from structsel.numerics.dynamic_elements import (
 _HIGH = 0.14  # rad, angle of attack below which wings do not stall
 _CHORDS = ((5.0, 4.0), (15.0, 4.0), (15.0, 12.0), (40.0, 10.0))  # tau1, tau2 in chords travelled
 _INDEPENDENT = "beyond attached flow, independent of the lift"
+_UNITS = {"onset": "rad", "sharpness": "1/rad", "tau1": "s", "tau2": "s"}
 _SHARP = 25.0  # 1/rad, of separation that acts on each coefficient alone
 
 
@@ -61,9 +64,9 @@ def _stalling(flight: Flight, where: float, sharp: float, tau1: float, tau2: flo
     return signature(flight, 3, [*parts, ("Cm", 2, -drag)])
 
 
-def _separated(flight: Flight, where: float, tau1: float, tau2: float) -> Columns:
+def _separated(flight: Flight, where: float, sharp: float, tau1: float, tau2: float) -> Columns:
     """Each coefficient by what is separated, independent of the lift."""
-    X = _attached(flight, where, _SHARP, tau1, tau2)
+    X = _attached(flight, where, sharp, tau1, tau2)
     return signature(flight, 3, [("CZ", 0, 1.0 - X), ("CX", 1, X - 1.0), ("Cm", 2, X - 1.0)])
 
 
@@ -77,37 +80,37 @@ def _stall_variants(flights: Flights) -> list[Variant]:
         EffectParameter("drag", "-", 0.2, 0.0, 1.5),
         EffectParameter("nose-down moment", "-", 0.1, -0.1, 0.8),
     )
-    units = {"onset": "rad", "sharpness": "1/rad", "tau1": "s", "tau2": "s"}
     chord = flights[0].aircraft.cbar / float(gathered(flights, "V").mean())
     lost = EffectParameter("normal force lost", "-", 0.3, 0.0, 3.0)
+    independent = partial(_form, (lost, *parameters[1:]), _separated, _separated_model, _INDEPENDENT, chord)
+    steady, attached = (
+        partial(
+            _form, parameters, partial(_stalling, beyond_steady=beyond), partial(_stalling_model, beyond_steady=beyond),
+            about, chord,
+        )
+        for beyond, about in ((True, "beyond a steady stall"), (False, "beyond attached flow"))
+    )  # fmt: skip
     made = []
-    for onset in onsets:
-        for tau1, tau2 in _CHORDS[:3]:
-            shape = {"onset": float(onset), "sharpness": _SHARP, "tau1": tau1 * chord, "tau2": tau2 * chord}
-            columns = partial(_separated, where=float(onset), tau1=tau1, tau2=tau2)
-            made.append(Variant((lost, *parameters[1:]), columns, shape, units, _INDEPENDENT, model=_separated_model))
-        for sharp, beyond_steady in ((18.0, False), (40.0, False), (25.0, True)):
-            for tau1, tau2 in _CHORDS:
-                shape = {"onset": float(onset), "sharpness": sharp, "tau1": tau1 * chord, "tau2": tau2 * chord}
-                about = "beyond a steady stall" if beyond_steady else "beyond attached flow"
-                made.append(
-                    Variant(
-                        parameters,
-                        partial(
-                            _stalling,
-                            where=float(onset),
-                            sharp=sharp,
-                            tau1=tau1,
-                            tau2=tau2,
-                            beyond_steady=beyond_steady,
-                        ),
-                        shape,
-                        units,
-                        about,
-                        model=partial(_stalling_model, beyond_steady=beyond_steady),
-                    )
-                )
+    for onset in onsets.tolist():
+        made += [of_shape(independent, onset, _SHARP, a * chord, b * chord) for a, b in _CHORDS[:3]]
+        for form, sharp in ((attached, 18.0), (attached, 40.0), (steady, 25.0)):
+            made += [of_shape(form, onset, sharp, a * chord, b * chord) for a, b in _CHORDS]
     return made + latched_variants(flights, top)
+
+
+def _form(
+    parameters: tuple[EffectParameter, ...],
+    columns: Callable[..., Columns],
+    model: MakeModel,
+    about: str,
+    chord: float,
+    *values: float,
+) -> Variant:
+    """A form by onset [rad], sharpness [1/rad] and two time constants [s]; `chord` is the time to travel one [s]."""
+    onset, sharp, tau1, tau2 = values
+    shape = dict(zip(_UNITS, values))
+    acts = partial(columns, where=onset, sharp=sharp, tau1=tau1 / chord, tau2=tau2 / chord)
+    return Variant(parameters, acts, shape, _UNITS, about, model=model)
 
 
 def _separation_state(case: ModelCase) -> State:

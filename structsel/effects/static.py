@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant
+from structsel.effects.base import Columns, Effect, EffectParameter, FittedEffect, Flights, Variant, of_shape
 from structsel.effects.signals import (
     Column,
     available,
@@ -41,14 +42,15 @@ def _stalls(flights: Flights) -> list[Variant]:
     low, high = max(float(np.quantile(alpha, 0.6)), 0.06), reach(flights, "alpha")[1]
     angles = np.linspace(low, max(low + 0.01, 0.98 * high), _ANGLES)
     made = []
-    for angle in angles:
-        made += [_separated(angle, sharp, slope, zero) for sharp in _SHARPNESS]
-        made += [_break(angle, power, slope, max(high - angle, 0.01)) for power in (1, 2)]
-        made += [_kink(flights, angle, response) for response in held(flights, ("CZ", "Cm"))]
+    for angle in angles.tolist():
+        made += [of_shape(partial(_separated, slope, zero), angle, sharp) for sharp in _SHARPNESS]
+        beyond = max(high - angle, 0.01)
+        made += [of_shape(partial(_break, power, slope, beyond), angle) for power in (1, 2)]
+        made += [of_shape(partial(_kink, flights, response), angle) for response in held(flights, ("CZ", "Cm"))]
     return made
 
 
-def _separated(angle: float, sharp: float, slope: float, zero: float) -> Variant:
+def _separated(slope: float, zero: float, angle: float, sharp: float) -> Variant:
     """Lift of a wing that separates from its trailing edge (Kirchhoff), as a function of the angle of attack."""
     parameters = (
         EffectParameter("lift loss", "-", 0.5, 0.0, 1.6),
@@ -73,7 +75,7 @@ def _separated(angle: float, sharp: float, slope: float, zero: float) -> Variant
     return Variant(parameters, columns, shape, {"stall angle": "rad", "sharpness": "1/rad"}, "separation", terms)
 
 
-def _break(angle: float, power: int, slope: float, beyond: float) -> Variant:
+def _break(power: int, slope: float, beyond: float, angle: float) -> Variant:
     """Slopes that change above an angle, at once or growing."""
     parameters = (
         EffectParameter("lift slope loss", "-", 0.5, 0.0, 2.0),
@@ -90,11 +92,11 @@ def _break(angle: float, power: int, slope: float, beyond: float) -> Variant:
         )
 
     about = "a break of the slopes" if power == 1 else "slopes that fall off"
-    term = f"(alpha - {float(angle)!r})+^{power}"
+    term = f"(alpha - {angle!r})+^{power}"
     return Variant(parameters, columns, {"stall angle": angle}, {"stall angle": "rad"}, about, (term,))
 
 
-def _kink(flights: Flights, angle: float, response: str) -> Variant:
+def _kink(flights: Flights, response: str, angle: float) -> Variant:
     slope = lift_line(flights)[0] if response == "CZ" else 1.0
 
     def columns(flight: Flight) -> Columns:
@@ -102,7 +104,7 @@ def _kink(flights: Flights, angle: float, response: str) -> Variant:
 
     unit = "-" if response == "CZ" else "1/rad"
     parameter = EffectParameter(f"{response} kink", unit, 0.5, *((0.0, 2.0) if response == "CZ" else (-4.0, 4.0)))
-    term = f"(alpha - {float(angle)!r})+"
+    term = f"(alpha - {angle!r})+"
     about = f"a kink in {response} only"
     return Variant((parameter,), columns, {"stall angle": angle}, {"stall angle": "rad"}, about, (term,))
 

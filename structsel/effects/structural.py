@@ -10,7 +10,7 @@ import scipy
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.noise import highest_of
-from structsel.effects.base import Columns, Effect, EffectParameter, Flights, Variant
+from structsel.effects.base import Columns, Effect, EffectParameter, Flights, Variant, of_shape
 from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.operators import oscillate, peaks
 from structsel.effects.readings import Errors, cannot_be_shifted, present, wrong_readings
@@ -57,11 +57,20 @@ def _in_channels(flights: Flights) -> list[Variant]:
         for frequency in found:
             if own and abs(np.log(frequency / own)) < _ITS_OWN:
                 continue
-            for damping in _DAMPINGS:
-                shape = {"frequency": frequency, "damping": damping}
-                ringing = _through(one, frequency, damping)
-                made.append(Variant(parameters, ringing, shape, _UNITS, one.control))
+            form = partial(_mode, parameters, partial(_through, one), one.control)
+            made += [of_shape(form, frequency, damping) for damping in _DAMPINGS]
     return made
+
+
+def _mode(
+    parameters: tuple[EffectParameter, ...],
+    ringing: Callable[[float, float], Callable[[Flight], Columns]],
+    about: str,
+    frequency: float,
+    damping: float,
+) -> Variant:
+    shape = {"frequency": frequency, "damping": damping}
+    return Variant(parameters, ringing(frequency, damping), shape, _UNITS, about)
 
 
 def _ringing(responses: Sequence[str], drive: str, frequency: float, damping: float) -> Callable[[Flight], Columns]:
@@ -95,17 +104,8 @@ def _variants(flights: Flights) -> list[Variant]:
                 for how in _HOW
                 for r in responses
             )
-            for frequency in [*frequencies, *sought]:
-                for damping in _DAMPINGS:
-                    made.append(
-                        Variant(
-                            parameters,
-                            _ringing(responses, drive, frequency, damping),
-                            {"frequency": frequency, "damping": damping},
-                            _UNITS,
-                            drive,
-                        )
-                    )
+            form = partial(_mode, parameters, partial(_ringing, responses, drive), drive)
+            made += [of_shape(form, x, damping) for x in [*frequencies, *sought] for damping in _DAMPINGS]
     return [*made, *_of_instruments(flights), *_in_channels(flights)]
 
 
@@ -120,17 +120,19 @@ def _of_instruments(flights: Flights) -> list[Variant]:
             continue
         for frequency in peaks(flights, (response,), 1, _LOWEST, top):
             for drive in (d for d in drives if moves(flights, d)):
-                shape = {"frequency": frequency, "damping": _DAMPINGS[1]}
-                shaken = partial(_shaken, channel=channel, drive=drive, frequency=frequency, damping=_DAMPINGS[1])
                 parameters = (EffectParameter(f"{channel} per {drive}", "m/s^2/rad", 10.0),)
-                about = f"{drive}, of the instruments only"
-                made.append(Variant(parameters, wrong_readings(shaken), shape, _UNITS, about))
+                form = partial(_mode, parameters, partial(_shaken, channel, drive), f"{drive}, of the instruments only")
+                made.append(of_shape(form, frequency, _DAMPINGS[1]))
     return made
 
 
-def _shaken(flight: Flight, channel: str, drive: str, frequency: float, damping: float) -> list[Errors]:
+def _shaken(channel: str, drive: str, frequency: float, damping: float) -> Callable[[Flight], Columns]:
     """Acceleration of a mode that a surface excites, over that of the drive at rest."""
-    return [{channel: oscillate(flight[drive], flight.dt, frequency, damping) - flight[drive]}]
+
+    def errors(flight: Flight) -> list[Errors]:
+        return [{channel: oscillate(flight[drive], flight.dt, frequency, damping) - flight[drive]}]
+
+    return wrong_readings(errors)
 
 
 def _clearest(flights: Flights, responses: Sequence[str], drive: str, top: float) -> list[float]:
