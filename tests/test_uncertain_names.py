@@ -28,6 +28,14 @@ def test_names_keep_the_probability_that_no_such_residual_is_there():
     assert found.effect not in found.ambiguous_with
 
 
+def test_a_name_that_the_unknown_cause_overtakes_is_a_tie():
+    likely = IsolatedResidual("Cm", 0.0352, 0.0)
+    assert 0.5 < likely.probability < 0.7
+    (found,) = less_probable([GROUND], likely)
+    assert found.effect == "unknown"
+    assert GROUND.effect in found.ambiguous_with
+
+
 @pytest.mark.parametrize("alone", [None, NONE])
 def test_without_such_a_residual_findings_stay(alone):
     assert less_probable([GROUND], alone) == [GROUND]

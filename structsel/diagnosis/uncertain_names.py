@@ -46,7 +46,6 @@ def _less_probable(finding: EffectFinding, alone: IsolatedResidual) -> EffectFin
     names, cause = share_with_unknown(finding.physics, alone.probability)
     cause = replace(cause, says=f"{cause.says} {alone.says}")
     physics = tuple(sorted([*names, cause], key=lambda p: -p.probability))
-    others = [e for e in finding.ambiguous_with if e != physics[0].effect]
-    if physics[0] is not cause and cause.probability > TIED * physics[0].probability:
-        others.append(UNNAMED)
-    return replace(finding, physics=physics, ambiguous_with=tuple(dict.fromkeys(others)))
+    likely = [p.effect for p in physics if p.probability > TIED * physics[0].probability]
+    others = dict.fromkeys([*finding.ambiguous_with, *likely])
+    return replace(finding, physics=physics, ambiguous_with=tuple(e for e in others if e != physics[0].effect))
