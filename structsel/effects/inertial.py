@@ -25,7 +25,6 @@ from structsel.numerics.rigid_body import angular_acceleration, inertial_moment,
 _SLOSH = (0.25, 2.0)  # Hz
 _SLOSH_FREQUENCIES = 12  # 21 % apart
 _SLOSH_DAMPINGS = (0.025, 0.08)
-_AGAINST = "against a simulation without this mass"
 _LEAST_SWING = 1e-6  # fraction of its power, of rounding
 _DURATIONS = (0.0, 5.0, 10.0)  # s, of a shift: a tank that empties, a passenger who walks
 _GROWTH, _RATE = "fraction from first to last", "fraction per min"
@@ -265,13 +264,13 @@ def _slosh_variants(flights: Flights) -> list[Variant]:
     for axis, name in ((1, "sideways"), (0, "fore and aft")):
         seen = peaks(flights, (FORCE_COEFFICIENTS[axis],), 3, *_SLOSH)
         rest = [x for x in spaced(*_SLOSH, _SLOSH_FREQUENCIES) if all(abs(np.log(x / y)) > 0.1 for y in seen)]
-        for rides, about in ((True, name), (False, f"{name}, {_AGAINST}")):
-            form = partial(_slosh, flights, about, axis, rides)
+        for rides in (True, False):
+            form = partial(_slosh, flights, name, axis, rides)
             made += [of_shape(form, f, damping) for f in [*seen, *rest] for damping in _SLOSH_DAMPINGS]
     return made
 
 
-def _slosh(flights: Flights, about: str, axis: int, rides: bool, frequency: float, damping: float) -> Variant:
+def _slosh(flights: Flights, direction: str, axis: int, rides: bool, frequency: float, damping: float) -> Variant:
     aircraft, of_swing = flights[0].aircraft, 1.0
     if not rides:
         # What is proportional to the force is that of any mass, and its error one of the derivatives.
@@ -288,7 +287,14 @@ def _slosh(flights: Flights, about: str, axis: int, rides: bool, frequency: floa
     )
     parts = partial(_swinging, axis=axis, rides=rides, frequency=frequency, damping=damping)
     shape = {"frequency": frequency, "damping": damping}
-    return of_parts(parameters, parts, about, (), shape, {"frequency": "Hz", "damping": "-"})
+    without = "" if rides else ", without which it is simulated"
+    form = of_parts(parameters, parts, direction + without, (), shape, {"frequency": "Hz", "damping": "-"})
+    return replace(form, words={"direction": direction, "simulated": without})
+
+
+def _slosh_says(found: FittedEffect) -> str:
+    words, mass = found.variant.words, found.text("fraction of the mass", 100.0, "%")
+    return f"A mass swings {words['direction']} at {found.text('frequency')}, {mass} of all{words['simulated']}."
 
 
 EFFECTS: tuple[Effect, ...] = (
@@ -318,8 +324,7 @@ EFFECTS: tuple[Effect, ...] = (
     Effect(
         "slosh", "inertial", "Fuel or a slung load swings, lightly damped.",
         lambda fs: "" if {"CY", "CX"} & set(coefficients(fs)) else "a simulated CY or CX", _slosh_variants,
-        lambda found: f"A mass swings {found.variant.about} at {found.text('frequency')}, "
-        f"{found.text('fraction of the mass', 100.0, '%')} of all.",
+        _slosh_says,
         look_alikes=("structural-mode", "wrong-derivative"),
         separated_by="the same manoeuvre with full and with half-full tanks",
         check="baffles, and the fill of the tanks",
