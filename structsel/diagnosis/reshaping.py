@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structsel.diagnosis.problem import DiagnosisProblem
-from structsel.diagnosis.scoring import EffectScore, judged_by, leading, limited, score
+from structsel.diagnosis.scoring import EffectScore, judged_by, leading, limited, with_better
 from structsel.diagnosis.signatures import Signature, acting, each_spectra
 from structsel.diagnosis.weighing import EVIDENT
+from structsel.effects.base import of_shape
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Trial
 
@@ -66,9 +67,7 @@ def _reshaped(problem: DiagnosisProblem, one: EffectScore) -> EffectScore:
         return one
     spread = dict(zip(variant.shape, np.exp(best.at) * deviations))
     found = replace(best.signature, variant=replace(best.signature.variant, spread=spread, searched=searched))
-    signatures, trials = [*one.signatures], [*one.trials]
-    signatures[one.best], trials[one.best] = found, best.trial
-    return judged_by(score(problem, one.hypothesis, signatures, trials), one.best)
+    return judged_by(with_better(problem, one, found, best.trial), one.best)
 
 
 def _logarithms(values: Iterable[float]) -> Array:
@@ -102,7 +101,7 @@ def _tried(problem: DiagnosisProblem, like: _Form, several: Sequence[Array]) -> 
     """The form with other logarithms of the values of its shape."""
     again, signs = like.signature.variant.again, np.sign(list(like.signature.variant.shape.values()))
     assert again is not None
-    forms = [replace(again(*(signs * np.exp(x)).tolist()), again=again) for x in several]
+    forms = [of_shape(again, *(signs * np.exp(x)).tolist()) for x in several]
     flights = problem.flights
     made = [
         Signature(like.signature.hypothesis, form, spectra, acting(spectra, flights))

@@ -116,7 +116,15 @@ def score(
 
 def leading(scores: Sequence[EffectScore], least: float) -> list[EffectScore]:
     """Effects whose log evidence is more than `least` and than half the largest."""
-    return [one for one in scores if one.log_evidence >= max(least, _CLOSE * max(s.log_evidence for s in scores))]
+    largest = max((one.log_evidence for one in scores), default=0.0)
+    return [one for one in scores if one.log_evidence >= max(least, _CLOSE * largest)]
+
+
+def with_better(problem: DiagnosisProblem, one: EffectScore, form: Signature, trial: Trial) -> EffectScore:
+    """The score with a better form in place of the one that is judged."""
+    forms, trials = [*one.signatures], [*one.trials]
+    forms[one.best], trials[one.best] = form, trial
+    return score(problem, one.hypothesis, forms, trials)
 
 
 def judged_by(score: EffectScore, form: int) -> EffectScore:

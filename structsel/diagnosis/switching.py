@@ -15,7 +15,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.nuisance import Nuisance
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.running_sums import RunningSums
-from structsel.diagnosis.scoring import EffectScore, leading, score
+from structsel.diagnosis.scoring import EffectScore, leading, with_better
 from structsel.diagnosis.signatures import Library, Signature, acting, spectra_of
 from structsel.diagnosis.switch_search import ALWAYS, NEVER, Found, On, Parts, search, spreads
 from structsel.diagnosis.weighing import EVIDENT
@@ -75,10 +75,7 @@ def refine(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[Eff
         form = one.signature
         if isinstance(form, SwitchedForm) and one in asked:
             better = _refined(problem, form)
-            forms = [better if s is form else s for s in one.signatures]
-            trials = [*one.trials]
-            trials[one.best] = problem.try_signatures([better])[0]
-            one = score(problem, one.hypothesis, forms, trials)
+            one = with_better(problem, one, better, problem.try_signatures([better])[0])
         made.append(one)
     return sorted(made, key=lambda one: -one.log_evidence)
 
