@@ -53,9 +53,7 @@ def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str
     alike = [
         (w, s.variant.shape, t.theta)
         for w, s, t in zip(score.log_weights, score.signatures, score.trials)
-        if set(s.variant.shape) == set(variant.shape)
-        and (s.variant.about, s.variant.only_in) == (variant.about, variant.only_in)
-        and [p.name for p in s.variant.parameters] == [p.name for p in variant.parameters]
+        if s.variant.is_like(variant)
     ]
     # No form is exact: the spread of those that are nearly as good is part of the uncertainty.
     temperature = max(_TEMPERATURE, _OF_BEST * score.log_evidence)

@@ -56,8 +56,7 @@ def _reshaped(problem: DiagnosisProblem, one: EffectScore) -> EffectScore:
     if variant.again is None:
         return one
     first = _Form(_logarithms(variant.shape.values()), one.signature, one.trial)
-    alike = [s.variant for s in one.signatures if s.variant.about == variant.about]
-    values = np.array([_logarithms(v.shape.values()) for v in alike if set(v.shape) == set(variant.shape)])
+    values = np.array([_logarithms(s.variant.shape.values()) for s in one.signatures if s.variant.is_like(variant)])
     limits = values.min(axis=0) - 2.0 * _STEP, values.max(axis=0) + 2.0 * _STEP
     best, deviations = _most_probable(problem, first, limits)
     # The evidence of a form of the library stands for all values nearer to it than to the next one.

@@ -18,17 +18,14 @@ from structsel.effects import (
     structural,
 )
 from structsel.effects.base import (
-    BandNoise,
-    Delayed,
     Effect,
     EffectParameter,
     FittedEffect,
     Kind,
-    Lag,
     ParameterEstimate,
-    TruthCase,
     Variant,
 )
+from structsel.effects.truth_case import BandNoise, Delayed, Lag, TruthCase
 
 EFFECTS: tuple[Effect, ...] = (
     *parameters.EFFECTS,
