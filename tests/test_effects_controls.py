@@ -47,6 +47,21 @@ def test_an_elevator_with_a_cubic_is_found(flights):
     assert_allclose(theta["de loss"], 40.0 * largest**2 / 1.92, rtol=0.12)
 
 
+def test_a_cubic_of_a_surface_that_moves_little_is_found():
+    """Surfaces of a fast aircraft move by less than 2 deg."""
+
+    def small(t, k):
+        return {c: 0.2 * x for c, x in excite(t, k, 0.06, 0.06, 0.04).items()}
+
+    flights = flights_with({"Cl": {"da^3": 300.0}}, inputs=small)
+    largest = max(np.abs(f["da"]).max() for f in flights)
+    assert largest < 0.02
+    variant, values, fraction = best(flights, BENT, ["Cl"])
+    assert variant.about.startswith("da: d^3")
+    assert fraction > 0.8
+    assert_allclose(values["da loss"], 300.0 * largest**2 / 0.105, rtol=0.12)
+
+
 def test_a_rudder_with_elastic_cables_is_found(flights):
     assert LINKAGE.needs(flights) == ""
     _, theta, fraction = best(flights, LINKAGE, ["Cn", "CY"])

@@ -32,7 +32,6 @@ from structsel.effects.signals import (
 from structsel.nomenclature import LATERAL_COEFFICIENTS, LONGITUDINAL_COEFFICIENTS
 from structsel.numerics.arrays import Array
 
-_MOVED = 0.03  # rad, below which no deflection is large
 _LAWS: dict[str, Callable[[Array], Array]] = {
     "d|d|": lambda d: d * np.abs(d),
     "d^3": lambda d: d**3,
@@ -59,16 +58,10 @@ def _used(flights: Flights) -> list[str]:
 # --- effectiveness that depends on the deflection --------------------------------------------------------------------
 
 
-def _largest(flights: Flights, control: str) -> float:
-    return max(abs(x) for x in reach(flights, control))
-
-
 def _bends(flights: Flights) -> list[Variant]:
     made = []
     for control in _used(flights):
-        largest = _largest(flights, control)
-        if largest < _MOVED:
-            continue
+        largest = max(abs(x) for x in reach(flights, control))
         main = held(flights, CONTROLS[control])[:1]
         for name, law in _LAWS.items():
             column = _power(control, law, largest)
@@ -183,12 +176,7 @@ def _needs_bend(flights: Flights) -> str:
     gone = lacking(flights)
     if gone:
         return f"{gone}, or a simulated channel that an input drives"
-    used = _used(flights)
-    if not used:
-        return "a control (de, da, dr) that moves"
-    if all(_largest(flights, c) < _MOVED for c in used):
-        return f"control deflections above {_MOVED:g} rad"
-    return ""
+    return "" if _used(flights) else "a control (de, da, dr) that moves"
 
 
 def _says_bend(found: FittedEffect) -> str:
