@@ -20,6 +20,7 @@ from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.size_evidence import jackknifed
 from structsel.effects.base import FittedEffect, ParameterEstimate, Variant
 from structsel.formatting import as_sentence, format_percent, join_names
+from structsel.numerics.arrays import least_positive
 
 _SHOWN = 0.15  # fraction of the largest gain from which a response is listed
 _LEAST = 0.01
@@ -68,9 +69,7 @@ def estimates(problem: DiagnosisProblem, k: int, score: EffectScore) -> dict[str
     for name, value in variant.shape.items():
         values = np.array([float(shape[name]) for _, shape, _ in alike])
         centre = float(weights @ values)
-        grid = np.unique(values)
-        near = np.abs(grid - float(value))
-        step = float(np.min(near[near > 0.0])) if np.any(near > 0.0) and name not in variant.spread else 0.0
+        step = 0.0 if name in variant.spread else least_positive(np.abs(values - float(value)), 0.0)
         spread = variant.spread.get(name, 0.0) * (1.0 if name in variant.times else np.sqrt(temperature))
         known = float(np.sqrt(weights @ (values - centre) ** 2 + step**2 / 12.0 + spread**2))
         made[name] = ParameterEstimate(centre, _BEYOND * known, variant.units.get(name, "-"))

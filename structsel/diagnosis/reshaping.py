@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from structsel.diagnosis.problem import DiagnosisProblem
-from structsel.diagnosis.scoring import EffectScore, judged_by, leading, limited, with_better
+from structsel.diagnosis.scoring import EffectScore, improved, judged_by, limited, with_better
 from structsel.diagnosis.signatures import Signature, acting, each_spectra
 from structsel.diagnosis.weighing import EVIDENT
 from structsel.effects.base import of_shape
-from structsel.numerics.arrays import Array
+from structsel.numerics.arrays import Array, least_positive
 from structsel.numerics.evidence import Trial
 
 _STEP = 0.08  # first change of the logarithm of a value: less than two in the library are apart
@@ -46,9 +47,7 @@ def reshape(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[Ef
     scores : sequence of EffectScore
         Of all effects.
     """
-    asked = leading(scores, EVIDENT)
-    made = [_reshaped(problem, one) if one in asked else one for one in scores]
-    return sorted(made, key=lambda one: -one.log_evidence)
+    return improved(scores, EVIDENT, partial(_reshaped, problem))
 
 
 def _reshaped(problem: DiagnosisProblem, one: EffectScore) -> EffectScore:
@@ -60,7 +59,7 @@ def _reshaped(problem: DiagnosisProblem, one: EffectScore) -> EffectScore:
     limits = values.min(axis=0) - 2.0 * _STEP, values.max(axis=0) + 2.0 * _STEP
     best, deviations = _most_probable(problem, first, limits)
     # The evidence of a form of the library stands for all values nearer to it than to the next one.
-    apart = np.array([_least(np.abs(x)) for x in (values - first.at).T])
+    apart = np.array([least_positive(np.abs(x), _STEP) for x in (values - first.at).T])
     searched = float(np.maximum(0.0, np.log(apart / (np.sqrt(2.0 * np.pi) * deviations))).sum())
     if best.log_evidence - searched <= first.log_evidence:
         return one
@@ -71,12 +70,6 @@ def _reshaped(problem: DiagnosisProblem, one: EffectScore) -> EffectScore:
 
 def _logarithms(values: Iterable[float]) -> Array:
     return np.log(np.abs(np.array(list(values))))
-
-
-def _least(distances: Array) -> float:
-    """The smallest that is not zero, if there is one."""
-    some = distances[distances > 0.0]
-    return float(some.min()) if len(some) else _STEP
 
 
 def _most_probable(problem: DiagnosisProblem, first: _Form, limits: tuple[Array, Array]) -> tuple[_Form, Array]:

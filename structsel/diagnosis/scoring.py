@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,10 +114,16 @@ def score(
     )
 
 
-def leading(scores: Sequence[EffectScore], least: float) -> list[EffectScore]:
-    """Effects whose log evidence is more than `least` and than half the largest."""
-    largest = max((one.log_evidence for one in scores), default=0.0)
-    return [one for one in scores if one.log_evidence >= max(least, _CLOSE * largest)]
+def improved(
+    scores: Sequence[EffectScore], least: float, better: Callable[[EffectScore], EffectScore]
+) -> list[EffectScore]:
+    """Scores with better ones of the effects that lead; the largest evidence first.
+
+    An effect leads if its log evidence is at least `least` and half the largest.
+    """
+    from_here = max(least, _CLOSE * max((one.log_evidence for one in scores), default=0.0))
+    made = [better(one) if one.log_evidence >= from_here else one for one in scores]
+    return sorted(made, key=lambda one: -one.log_evidence)
 
 
 def with_better(problem: DiagnosisProblem, one: EffectScore, form: Signature, trial: Trial) -> EffectScore:

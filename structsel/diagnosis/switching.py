@@ -15,7 +15,7 @@ from structsel.comparison.flight import Flight
 from structsel.comparison.nuisance import Nuisance
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.running_sums import RunningSums
-from structsel.diagnosis.scoring import EffectScore, leading, with_better
+from structsel.diagnosis.scoring import EffectScore, improved, with_better
 from structsel.diagnosis.signatures import Library, Signature, acting, spectra_of
 from structsel.diagnosis.switch_search import ALWAYS, NEVER, Found, On, Parts, search, spreads
 from structsel.diagnosis.weighing import EVIDENT
@@ -70,14 +70,14 @@ def with_proposals(
 
 def refine(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[EffectScore]:
     """Scores with the times of switched forms by the evidence of white rows; the largest evidence first."""
-    made, asked = [], leading(scores, EVIDENT)
-    for one in scores:
-        form = one.signature
-        if isinstance(form, SwitchedForm) and one in asked:
-            better = _refined(problem, form)
-            one = with_better(problem, one, better, problem.try_signatures([better])[0])
-        made.append(one)
-    return sorted(made, key=lambda one: -one.log_evidence)
+    return improved(scores, EVIDENT, partial(_with_times, problem))
+
+
+def _with_times(problem: DiagnosisProblem, one: EffectScore) -> EffectScore:
+    if not isinstance(one.signature, SwitchedForm):
+        return one
+    form = _refined(problem, one.signature)
+    return with_better(problem, one, form, problem.try_signatures([form])[0])
 
 
 def _refined(problem: DiagnosisProblem, form: SwitchedForm) -> SwitchedForm:

@@ -31,11 +31,11 @@ from structsel.effects.signals import CONTROLS, available, coefficients, gathere
 from structsel.effects.surfaces import (
     ALL,
     FRACTION,
-    actuated,
     behind,
     departure,
     displaced,
     followed,
+    of_actuator,
     stopped,
     used_controls,
 )
@@ -163,16 +163,10 @@ def _play_variants(flights: Flights) -> list[Variant]:
         narrowest, widest = max(0.02 * reach, _ABOVE_NOISE * noise), 0.5 * reach
         if narrowest >= widest:
             continue
-        made += [of_shape(partial(_play, control), width) for width in spaced(narrowest, widest, 10)]
+        model = state_after([control], "backlash", "play", lambda case: {"width": case.quantity("width")})
+        form = partial(of_actuator, partial(followed, control), SURFACES[control], "backlash", "width", "rad", model)
+        made += [of_shape(form, width) for width in spaced(narrowest, widest, 10)]
     return made + [v for one in channels_with_input(flights) for v in _play_of_input(flights, one)]
-
-
-def _play(control: str, width: float) -> Variant:
-    return Variant(
-        (FRACTION,), followed(control, partial(actuated, backlash=width)), {"width": width}, {"width": "rad"},
-        SURFACES[control],
-        model=state_after([control], "backlash", "play", lambda case: {"width": case.quantity("width")}),
-    )  # fmt: skip
 
 
 def _play_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
@@ -182,11 +176,7 @@ def _play_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
     narrowest, widest = max(0.01 * reach, _ABOVE_NOISE * noise), 0.5 * reach
     if narrowest >= widest:
         return []
-
-    def form(width: float) -> Variant:
-        behind_play = one.behind(partial(actuated, backlash=width))
-        return Variant((FRACTION,), behind_play, {"width": width}, {"width": ""}, one.control)
-
+    form = partial(of_actuator, one.behind, one.control, "backlash", "width", "", None)
     return [of_shape(form, x) for x in spaced(narrowest, widest, 12)]
 
 

@@ -13,7 +13,16 @@ from structsel.effects.inputs import DrivenChannel, channels_with_input
 from structsel.effects.model_forms import state_after
 from structsel.effects.operators import spaced
 from structsel.effects.signals import gathered
-from structsel.effects.surfaces import ALL, FRACTION, actuated, departure, displaced, followed, used_controls
+from structsel.effects.surfaces import (
+    ALL,
+    FRACTION,
+    actuated,
+    departure,
+    displaced,
+    followed,
+    of_actuator,
+    used_controls,
+)
 from structsel.effects.wording import SURFACES, shown, subject
 from structsel.numerics.arrays import Array
 from structsel.numerics.compiling import njit
@@ -33,7 +42,9 @@ def rate_variants(flights: Flights) -> list[Variant]:
         # A step within a sample is faster than any limit: what counts there is how long its size takes.
         slowest = min(0.12 * fastest, float(np.ptp(gathered(flights, control))) / _LONGEST)
         count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
-        made += [of_shape(partial(_limited, control), x) for x in spaced(slowest, 0.85 * fastest, count)]
+        model = state_after([control], "rate limit", "limited", lambda case: {"rate": case.quantity("rate")})
+        form = partial(of_actuator, partial(followed, control), SURFACES[control], "rate", "rate", "rad/s", model)
+        made += [of_shape(form, x) for x in spaced(slowest, 0.85 * fastest, count)]
         for limit in spaced(2.0 * slowest, 0.7 * fastest, 3):
             made += [of_shape(partial(_one_way, control, way), limit) for way in ("up", "down")]
             made.append(of_shape(partial(_lagging, control), limit))
@@ -43,14 +54,6 @@ def rate_variants(flights: Flights) -> list[Variant]:
         every = partial(_every, tuple(controls))
         made += [of_shape(every, x) for x in spaced(0.12 * fastest, 0.85 * fastest, 5)]
     return made + [v for one in channels_with_input(flights) for v in _limits_of_input(flights, one)]
-
-
-def _limited(control: str, limit: float) -> Variant:
-    return Variant(
-        (FRACTION,), followed(control, partial(actuated, rate=limit)), {"rate": limit}, {"rate": "rad/s"},
-        SURFACES[control],
-        model=state_after([control], "rate limit", "limited", lambda case: {"rate": case.quantity("rate")}),
-    )  # fmt: skip
 
 
 def _one_way(control: str, way: str, limit: float) -> Variant:
@@ -72,11 +75,7 @@ def _limits_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
     fastest = max(float(np.abs(f.rate(x)).max()) for f, x in zip(flights, recorded))
     slowest = min(0.05 * fastest, float(np.ptp(np.concatenate(recorded))) / (_PART * flights[0].dt * len(flights[0])))
     count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
-
-    def form(limit: float) -> Variant:
-        behind = one.behind(partial(actuated, rate=limit))
-        return Variant((FRACTION,), behind, {"rate": limit}, {"rate": "per s"}, one.control)
-
+    form = partial(of_actuator, one.behind, one.control, "rate", "rate", "per s", None)
     return [of_shape(form, x) for x in spaced(slowest, 0.85 * fastest, count)]
 
 

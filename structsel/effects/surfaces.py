@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, EffectParameter, Flights
+from structsel.effects.base import Columns, EffectParameter, Flights, Variant
+from structsel.effects.model_forms import MakeModel
 from structsel.effects.signals import CONTROLS, coefficients, mean_slope, moves, signature
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
@@ -56,6 +59,24 @@ def behind(x: Array, flight: Flight, operator: Callable[[Array, float, float], A
 def actuated(x: Array, flight: Flight, rate: float = np.inf, backlash: float = 0.0, lag: float = 0.0) -> Array:
     """Surface behind an actuator; see `actuate`."""
     return actuate(flight.t, x, lag=lag, rate=rate, backlash=backlash)
+
+
+def of_actuator(
+    behind: Callable[[Callable[[Array, Flight], Array]], Callable[[Flight], Columns]],
+    about: str,
+    setting: str,
+    name: str,
+    unit: str,
+    model: MakeModel | None,
+    value: float,
+) -> Variant:
+    """Form of an input that comes through an actuator: `setting` of `actuated` is the only value of its shape.
+
+    `behind` makes the columns from the operator on the input.
+    """
+    settings: dict[str, Any] = {setting: value}
+    columns = behind(partial(actuated, **settings))
+    return Variant((FRACTION,), columns, {name: value}, {name: unit}, about, model=model)
 
 
 def stopped(x: Array, flight: Flight, low: float, high: float) -> Array:

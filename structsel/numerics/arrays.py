@@ -48,3 +48,8 @@ def rms_within(arrays: Iterable[Array]) -> float:
     """Rms of all arrays, each minus its own mean; zero if there are none."""
     given = list(arrays)
     return float(np.sqrt(np.mean(centred(given) ** 2))) if given else 0.0
+
+
+def least_positive(x: Array, otherwise: float) -> float:
+    """The smallest value above zero, or another number if there is none."""
+    return float(min(x[x > 0.0], default=otherwise))
