@@ -21,6 +21,8 @@ HIGHEST = 6.0
 """Frequency [Hz] up to which an aircraft's responses are compared."""
 _BANDS = 14
 _EDGE = 1.0  # s
+_TURNS = 3  # estimates of the noise, each by the weights of the one before
+_FREE = 1e-3  # precision of the size of a column without a prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,29 +168,47 @@ def _residual(
     Z = np.vstack([e[response][1:] for e in explained])
     Z = Z[:, Z.any(axis=0)]  # most tolerances act on other responses
     scale = np.sqrt((usual**2).mean(axis=0))
-    X = usual[:, scale > 0.0] / scale[scale > 0.0]
+    usual = usual[:, scale > 0.0] / scale[scale > 0.0]
     squares = None if further is None else further**2
     cuts = np.cumsum(bins)[:-1]
-    weight = np.full(len(y), 1.0 / max(float(y.std()), 1e-300))
-    left, free = y, np.ones(len(y))
-    for turn in range(3):
-        k = X.shape[1]
-        rows = np.column_stack([X, Z]) * weight[:, None]
-        held_to = np.concatenate([np.full(k, np.sqrt(1e-3)), np.ones(Z.shape[1])])
-        # The factor of rows.T @ rows + held_to^2, whose small eigenvalues the product would lose to rounding.
-        lower = np.asarray(np.linalg.qr(np.vstack([rows, np.diag(held_to)]), mode="r")).T
-        turned = scipy.linalg.solve_triangular(lower, rows.T, lower=True)
-        fit = scipy.linalg.solve_triangular(lower, turned @ (y * weight), lower=True, trans="T")
-        left = y - X @ fit[:k] - Z @ fit[k:]
-        free = 1.0 - np.einsum("ij,ij->j", turned, turned)
-        if turn < 2 and further is not None and squares is not None:
-            helpful = helpful_columns((lower, turned), y * weight, further, squares, weight)
-            X = np.column_stack([X, further[:, helpful]])
+
+    def level(left: Array, free: Array) -> Array:
         held = _smooth_spectrum(flights, bins, np.split(left, cuts), np.split(free, cuts), edges)
-        weight = np.concatenate(
-            [np.exp(-np.interp(np.log(frequencies(f, b)), np.log(edges), held)) for f, b in zip(flights, bins)]
+        return np.concatenate(
+            [np.exp(np.interp(np.log(frequencies(f, b)), np.log(edges), held)) for f, b in zip(flights, bins)]
         )
+
+    left, free, std = y, np.ones(len(y)), np.full(len(y), max(float(y.std()), 1e-300))
+    for _ in range(_TURNS):
+        weight = 1.0 / std
+        factors = _factored(usual, Z, weight)
+        left, free = _left(factors, usual, Z, y, weight)
+        std = level(left, free)
+        if further is None or squares is None:
+            continue
+        helpful = helpful_columns(factors, y * weight, further, squares, weight)
+        if helpful:
+            X = np.column_stack([usual, further[:, helpful]])
+            less, fewer = _left(_factored(X, Z, weight), X, Z, y, weight)
+            lower = (found := level(less, fewer)) < std
+            left, free, std = np.where(lower, less, left), np.where(lower, fewer, free), np.minimum(found, std)
     return np.split(left, cuts), np.split(free, cuts)
+
+
+def _factored(X: Array, Z: Array, weight: Array) -> tuple[Array, Array]:
+    """Lower factor L of the precision of the sizes of columns X without priors and Z with, and ``L^-1 [X Z]'``."""
+    rows = np.column_stack([X, Z]) * weight[:, None]
+    held_to = np.concatenate([np.full(X.shape[1], np.sqrt(_FREE)), np.ones(Z.shape[1])])
+    # The factor of rows.T @ rows + held_to^2, whose small eigenvalues the product would lose to rounding.
+    lower = np.asarray(np.linalg.qr(np.vstack([rows, np.diag(held_to)]), mode="r")).T
+    return lower, scipy.linalg.solve_triangular(lower, rows.T, lower=True)
+
+
+def _left(factors: tuple[Array, Array], X: Array, Z: Array, y: Array, weight: Array) -> tuple[Array, Array]:
+    """Residual of y after a fit of the columns, and the degrees of freedom of each of its coefficients."""
+    lower, turned = factors
+    fit = scipy.linalg.solve_triangular(lower, turned @ (y * weight), lower=True, trans="T")
+    return y - X @ fit[: X.shape[1]] - Z @ fit[X.shape[1] :], 1.0 - np.einsum("ij,ij->j", turned, turned)
 
 
 def _smooth_spectrum(

@@ -91,7 +91,7 @@ class DiagnosisProblem:
         for i, f in enumerate(flights):
             allowed.append(as_spectra(side_by_side([(n.sd, n.columns[i]) for n in nuisances], f), f))
             own.append(as_spectra(side_by_side([(sd, columns) for _, sd, columns in biases_of(f)], f), f))
-        pool = _pool(flights, library, flights[0].responses)
+        pool = _pool(flights, _no_noise(library), flights[0].responses)
         first = estimate_noise(flights, allowed, flights[0].responses, pool)
         nuisances, allowed, changed = _widened(flights, nuisances, allowed, first)
         return cls._build(tuple(flights), nuisances, allowed, own, (), pool, groups, first.but_for(changed))
@@ -125,7 +125,23 @@ class DiagnosisProblem:
         before = {id(s): s for s in self.accepted}
         touched = {c for k in now.keys() ^ before.keys() for c in (now | before)[k].responses}
         known = self.noise.but_for(touched)
-        pool = _pool(self.flights, library, [c for c in self.responses if c not in known.log_std])
+        return self._with_noise(_no_noise(library), known, accepted)
+
+    def but_for(self, forms: Sequence[Signature], library: Sequence[Signature]) -> DiagnosisProblem:
+        """Problem with the noise that some forms leave, which are not in the library; estimated where they act.
+
+        Parameters
+        ----------
+        forms : sequence of Signature
+        library : sequence of Signature
+            As for `set_up`.
+        """
+        known = self.noise.but_for({c for s in forms for c in s.responses})
+        return self._with_noise([*forms, *_no_noise(library)], known, self.accepted)
+
+    def _with_noise(self, others: Sequence[Signature], known: Noise, accepted: Sequence[Signature]) -> DiagnosisProblem:
+        """Problem with effects in the model, and the noise that these and others leave where it is not known."""
+        pool = _pool(self.flights, others, [c for c in self.responses if c not in known.log_std])
         return self._build(
             self.flights, self.nuisances, self.allowed, self.own, tuple(accepted), pool, self.base.groups, known
         )
@@ -247,15 +263,19 @@ def join(parts: Sequence[tuple[Spectra, int]], responses: Sequence[str], bins: i
     return {c: np.column_stack([p.get(c, np.zeros((bins + 1, k))) for p, k in parts]) for c in responses}
 
 
-def _pool(flights: Sequence[Flight], library: Sequence[Signature], responses: Sequence[str]) -> dict[str, Array]:
-    """Coefficients of the effects that may be in the differences, by response, the flights one after another."""
+def _no_noise(library: Sequence[Signature]) -> list[Signature]:
+    """Forms of a library that must not be counted as noise."""
     # The responses are computed from the readings of instruments: sensor errors would explain their noise as well.
     # Resonances would explain any narrow band of it.
-    usable = [s for s in library if s.hypothesis.kind not in ("sensor", "structural")]
+    return [s for s in library if s.hypothesis.kind not in ("sensor", "structural")]
+
+
+def _pool(flights: Sequence[Flight], signatures: Sequence[Signature], responses: Sequence[str]) -> dict[str, Array]:
+    """Coefficients of effects that may be in the differences, by response, the flights one after another."""
     ends = np.cumsum([0, *map(bins_of, flights)])
     made = {}
     for c in responses:
-        mine = [s for s in usable if c in s.responses]
+        mine = [s for s in signatures if c in s.responses]
         columns = np.cumsum([0, *(s.width for s in mine)])
         made[c] = np.zeros((columns[-1], ends[-1])).T
         for j, s in zip(columns, mine):

@@ -18,7 +18,7 @@ from structsel.diagnosis.result import UNNAMED
 from structsel.diagnosis.scoring import EffectScore, score_all
 from structsel.diagnosis.signatures import Library
 from structsel.diagnosis.switching import refine, with_proposals
-from structsel.diagnosis.weighing import CandidateEffect, candidate_effects, log_bayes
+from structsel.diagnosis.weighing import EVIDENT, CandidateEffect, candidate_effects, log_bayes
 from structsel.numerics.arrays import Array
 
 MAX_EFFECTS = 4
@@ -170,8 +170,20 @@ def search_effects(
     motion : InputDrivenMotion
         Of the flights.
     """
-    scores = motion.confirm(problem, reshape(problem, refine(problem, score_all(problem, library))))
+    scores = _scored(problem, library)
+    # What no form of the library explains counts as noise. Those of evident effects have other times and shapes by now.
+    known = {id(s) for s in library.signatures}
+    moved = [s.signature for s in scores if s.log_evidence >= EVIDENT and id(s.signature) not in known]
+    if moved:
+        problem = problem.but_for(moved, library.signatures)
+        scores = _scored(problem, library)
+    scores = motion.confirm(problem, scores)
     return scores, candidate_effects(problem, scores)
+
+
+def _scored(problem: DiagnosisProblem, library: Library) -> list[EffectScore]:
+    """Scores of all effects, the leading ones with their most probable times and shapes."""
+    return reshape(problem, refine(problem, score_all(problem, library)))
 
 
 def enter(
