@@ -55,7 +55,8 @@ def flights():
 
 def as_added(effect, variant, flights):
     """An effect at its usual size, as an addition."""
-    theta = np.array([np.clip(p.sd, p.low, p.high) for p in variant.parameters])
+    # How a recording begins is no part of a model.
+    theta = np.array([0.0 if p.of_beginning else np.clip(p.sd, p.low, p.high) for p in variant.parameters])
     stated = {p.name: ParameterEstimate(x, 0.1 * abs(x), p.unit) for p, x in zip(variant.parameters, theta)}
     stated |= {n: ParameterEstimate(x, 0.1 * abs(x), variant.units.get(n, "-")) for n, x in variant.shape.items()}
     case = ModelCase(variant, stated, AIRCRAFT, dict(OWN.responses), flights)

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from structsel.effects.actuators import EFFECTS
+from structsel.numerics.dynamic_elements import actuate
 from structsel.simulation import Actuator
 from tests.effect_fits import best, effect_named, fitted_effect
 from tests.exact_flights import aerodynamics, compare, fly
@@ -59,6 +60,22 @@ def test_limits_and_play_are_found_to_the_next_value_tried(effect, control, actu
     assert found.explained > 0.95
     assert_allclose(found.variant.shape[name], value, rtol=0.3)
     assert 0.5 < found.values["fraction"] < 1.5
+
+
+def test_each_recording_may_begin_on_either_side_of_a_play():
+    width, sides = 0.01, (0.9, -0.9)
+    flights = compare(fly())
+    played = [actuate(f.t, f["de"], backlash=width, start=side) for f, side in zip(flights, sides)]
+    flights = [
+        replace(f, measured=f.measured | {c: f.measured[c] + f.slope(c, "de") * (x - f["de"]) for c in ("CZ", "Cm")})
+        for f, x in zip(flights, played)
+    ]
+    found = best(flights, effect_named("backlash"))
+    assert found.explained > 0.98
+    assert_allclose(found.variant.shape["width"], width, rtol=0.3)
+    assert_allclose([found.values[f"start in {f.name}"] for f in flights], sides, atol=0.35)
+    stated = found.variant.stated(fitted_effect(found.variant, found.values).estimates)
+    assert stated.keys() == {"fraction", "width"}
 
 
 def test_rates_far_below_that_of_a_step_are_tried():

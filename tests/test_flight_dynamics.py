@@ -350,6 +350,13 @@ def test_backlash_lets_the_command_turn_before_the_surface_does():
     assert_allclose(got[top : top + turned], got[top], atol=2e-5)
 
 
+def test_backlash_begins_on_the_side_that_is_given():
+    still = np.full(len(CLOCK), 0.3)
+    assert [actuate(CLOCK, still, backlash=0.04, start=x)[-1] for x in (-1.0, 0.0, 0.5)] == pytest.approx(
+        [0.28, 0.3, 0.31]
+    )
+
+
 def test_an_actuator_that_cannot_be_is_refused():
     with pytest.raises(DomainError, match="limits ascend"):
         actuate(CLOCK, CLOCK, low=0.1, high=-0.1)

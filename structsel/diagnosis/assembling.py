@@ -203,8 +203,9 @@ def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, 
         hypothesis.says(FittedEffect(problem.accepted[k].variant, e, sizes)) for k, e in zip(member.places, fitted)
     )
     probabilities = dict(step.alternatives)
-    merged: dict[str, ParameterEstimate] = dict(fitted[0])
-    for j, more in enumerate(fitted[1:], 2):
+    stated = [problem.accepted[k].variant.stated(e) for k, e in zip(member.places, fitted)]
+    merged = dict(stated[0])
+    for j, more in enumerate(stated[1:], 2):
         merged |= {f"{name} ({j})" if name in merged else name: e for name, e in more.items()}
     terms = tuple(t for k in member.places for t in problem.accepted[k].variant.terms)
     limits = "; ".join(
@@ -218,7 +219,8 @@ def _physics(problem: DiagnosisProblem, member: Member) -> tuple[tuple[Physics, 
         if score.effect != member.effect and p >= LISTED:
             found = found_by(score)
             says_too = score.hypothesis.says(found)
-            alternatives.append(Physics(score.effect, p, says_too, found.estimates, score.signature.variant.terms))
+            variant = score.signature.variant
+            alternatives.append(Physics(score.effect, p, says_too, variant.stated(found.estimates), variant.terms))
     if probabilities.get(UNNAMED, 0.0) >= LISTED:
         alternatives.append(Physics(UNNAMED, probabilities[UNNAMED], UNKNOWN_SAYS))
     alternatives = sorted(alternatives, key=lambda p: -p.probability)[: _ALTERNATIVES - 1]

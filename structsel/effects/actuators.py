@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -31,11 +32,13 @@ from structsel.effects.signals import CONTROLS, available, coefficients, gathere
 from structsel.effects.surfaces import (
     ALL,
     FRACTION,
+    Follow,
+    actuated,
     behind,
     departure,
     displaced,
     followed,
-    of_actuator,
+    from_unknown_start,
     stopped,
     used_controls,
 )
@@ -153,8 +156,11 @@ def _stop_says(found: FittedEffect) -> str:
 # Play
 
 
+_START = EffectParameter("start", "-", 1.0 / np.sqrt(3.0), of_beginning=True)  # even between the sides
+
+
 def _play_variants(flights: Flights) -> list[Variant]:
-    made = []
+    made, names = [], [f.name for f in flights]
     for control in used_controls(flights):
         values = gathered(flights, control)
         reach = float(values.max() - values.min())
@@ -164,7 +170,7 @@ def _play_variants(flights: Flights) -> list[Variant]:
         if narrowest >= widest:
             continue
         model = state_after([control], "backlash", "play", lambda case: {"width": case.quantity("width")})
-        form = partial(of_actuator, partial(followed, control), SURFACES[control], "backlash", "width", "rad", model)
+        form = partial(_playing, partial(followed, control), SURFACES[control], "rad", model, names)
         made += [of_shape(form, width) for width in spaced(narrowest, widest, 10)]
     return made + [v for one in channels_with_input(flights) for v in _play_of_input(flights, one)]
 
@@ -176,8 +182,17 @@ def _play_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
     narrowest, widest = max(0.01 * reach, _ABOVE_NOISE * noise), 0.5 * reach
     if narrowest >= widest:
         return []
-    form = partial(of_actuator, one.behind, one.control, "backlash", "width", "", None)
+    form = partial(_playing, one.behind, one.control, "", None, [f.name for f in flights])
     return [of_shape(form, x) for x in spaced(narrowest, widest, 12)]
+
+
+def _playing(
+    follow: Follow, about: str, unit: str, model: MakeModel | None, names: Sequence[str], width: float
+) -> Variant:
+    """Play, on a side of which each of the named flights may begin."""
+    columns = from_unknown_start(lambda x: follow(partial(actuated, backlash=width, start=x)), names)
+    starts = (replace(_START, name=f"start in {name}") for name in names)
+    return Variant((FRACTION, *starts), columns, {"width": width}, {"width": unit}, about, model=model)
 
 
 def _play_says(found: FittedEffect) -> str:

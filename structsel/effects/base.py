@@ -40,6 +40,8 @@ class EffectParameter:
     of_outcome : bool
         The signature is a fraction x of a result with the effect (a reading in error, an acceleration with the wrong
         mass); stated is the fraction of the result without it, x / (1 - x).
+    of_beginning : bool
+        How one flight begins, which no simulation knows. It is estimated, not stated.
     """
 
     name: str
@@ -48,6 +50,7 @@ class EffectParameter:
     low: float = -float("inf")
     high: float = float("inf")
     of_outcome: bool = False
+    of_beginning: bool = False
 
     def estimate(self, value: float, std: float) -> ParameterEstimate:
         """The parameter as it is stated, from the coefficient of its signature in `unit` and its standard deviation."""
@@ -106,6 +109,11 @@ class Variant:
     times: tuple[str, ...] = ()
     again: Callable[..., Variant] | None = None
     searched: float = 0.0
+
+    def stated(self, estimates: Mapping[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
+        """Estimates of the parameters that a reader is told."""
+        hidden = {p.name for p in self.parameters if p.of_beginning}
+        return {name: e for name, e in estimates.items() if name not in hidden}
 
     def is_like(self, other: Variant) -> bool:
         """Whether another form differs in the values of its shape at most."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -10,17 +10,18 @@ import numpy as np
 from structsel.comparison.flight import Flight
 from structsel.effects.base import FittedEffect, Flights, ModelCase, ModelForm, Variant, of_shape
 from structsel.effects.inputs import DrivenChannel, channels_with_input
-from structsel.effects.model_forms import state_after
+from structsel.effects.model_forms import MakeModel, state_after
 from structsel.effects.operators import spaced
 from structsel.effects.signals import gathered
 from structsel.effects.surfaces import (
     ALL,
     FRACTION,
+    Follow,
+    Operator,
     actuated,
     departure,
     displaced,
     followed,
-    of_actuator,
     used_controls,
 )
 from structsel.effects.wording import SURFACES, shown, subject
@@ -43,7 +44,7 @@ def rate_variants(flights: Flights) -> list[Variant]:
         slowest = min(0.12 * fastest, float(np.ptp(gathered(flights, control))) / _LONGEST)
         count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
         model = state_after([control], "rate limit", "limited", lambda case: {"rate": case.quantity("rate")})
-        form = partial(of_actuator, partial(followed, control), SURFACES[control], "rate", "rate", "rad/s", model)
+        form = partial(_limiting, partial(followed, control), SURFACES[control], "rad/s", model)
         made += [of_shape(form, x) for x in spaced(slowest, 0.85 * fastest, count)]
         for limit in spaced(2.0 * slowest, 0.7 * fastest, 3):
             made += [of_shape(partial(_one_way, control, way), limit) for way in ("up", "down")]
@@ -54,6 +55,11 @@ def rate_variants(flights: Flights) -> list[Variant]:
         every = partial(_every, tuple(controls))
         made += [of_shape(every, x) for x in spaced(0.12 * fastest, 0.85 * fastest, 5)]
     return made + [v for one in channels_with_input(flights) for v in _limits_of_input(flights, one)]
+
+
+def _limiting(follow: Follow, about: str, unit: str, model: MakeModel | None, limit: float) -> Variant:
+    columns = follow(partial(actuated, rate=limit))
+    return Variant((FRACTION,), columns, {"rate": limit}, {"rate": unit}, about, model=model)
 
 
 def _one_way(control: str, way: str, limit: float) -> Variant:
@@ -75,13 +81,11 @@ def _limits_of_input(flights: Flights, one: DrivenChannel) -> list[Variant]:
     fastest = max(float(np.abs(f.rate(x)).max()) for f, x in zip(flights, recorded))
     slowest = min(0.05 * fastest, float(np.ptp(np.concatenate(recorded))) / (_PART * flights[0].dt * len(flights[0])))
     count = 1 + int(np.ceil(np.log(0.85 * fastest / slowest) / np.log(_FINE)))
-    form = partial(of_actuator, one.behind, one.control, "rate", "rate", "per s", None)
+    form = partial(_limiting, one.behind, one.control, "per s", None)
     return [of_shape(form, x) for x in spaced(slowest, 0.85 * fastest, count)]
 
 
-def _rated(
-    controls: Sequence[str], operator: Callable[[Array, Flight], Array], limit: float, more: str = ""
-) -> Variant:
+def _rated(controls: Sequence[str], operator: Operator, limit: float, more: str = "") -> Variant:
     columns = displaced(*((c, 0, departure(c, operator)) for c in controls))
     about = (SURFACES[controls[0]] if len(controls) == 1 else ALL) + more
     return Variant((FRACTION,), columns, {"rate": limit}, {"rate": "rad/s"}, about, model=_no_model)

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.effects.base import Columns, EffectParameter, Flights, Variant
-from structsel.effects.model_forms import MakeModel
+from structsel.effects.base import Columns, EffectParameter, Flights
 from structsel.effects.signals import CONTROLS, coefficients, mean_slope, moves, signature
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import actuate
 
 Surface = Callable[[Flight], Array]
+Operator = Callable[[Array, Flight], Array]
+Follow = Callable[[Operator], Callable[[Flight], Columns]]
+"""Operator on an input to the columns of what follows it."""
 
 ALL = "all surfaces"
 """What a form is about that takes each alike."""
@@ -41,12 +41,12 @@ def displaced(*extras: tuple[str, int, Surface]) -> Callable[[Flight], Columns]:
     return columns
 
 
-def departure(control: str, operator: Callable[[Array, Flight], Array], per: float = 1.0) -> Surface:
+def departure(control: str, operator: Operator, per: float = 1.0) -> Surface:
     """Difference between a surface, by an operator on its input, and the input, per unit of `per`."""
     return lambda f: (operator(f[control], f) - f[control]) / per
 
 
-def followed(control: str, operator: Callable[[Array, Flight], Array]) -> Callable[[Flight], Columns]:
+def followed(control: str, operator: Operator) -> Callable[[Flight], Columns]:
     """Columns of a surface that follows its recorded input by an operator."""
     return displaced((control, 0, departure(control, operator)))
 
@@ -56,27 +56,32 @@ def behind(x: Array, flight: Flight, operator: Callable[[Array, float, float], A
     return operator(x, flight.dt, tau)
 
 
-def actuated(x: Array, flight: Flight, rate: float = np.inf, backlash: float = 0.0, lag: float = 0.0) -> Array:
+def actuated(
+    x: Array, flight: Flight, rate: float = np.inf, backlash: float = 0.0, start: float = 0.0, lag: float = 0.0
+) -> Array:
     """Surface behind an actuator; see `actuate`."""
-    return actuate(flight.t, x, lag=lag, rate=rate, backlash=backlash)
+    return actuate(flight.t, x, lag=lag, rate=rate, backlash=backlash, start=start)
 
 
-def of_actuator(
-    behind: Callable[[Callable[[Array, Flight], Array]], Callable[[Flight], Columns]],
-    about: str,
-    setting: str,
-    name: str,
-    unit: str,
-    model: MakeModel | None,
-    value: float,
-) -> Variant:
-    """Form of an input that comes through an actuator: `setting` of `actuated` is the only value of its shape.
+def from_unknown_start(
+    at: Callable[[float], Callable[[Flight], Columns]], names: Sequence[str]
+) -> Callable[[Flight], Columns]:
+    """Columns of a form, and to first order those of its unknown start in each flight.
 
-    `behind` makes the columns from the operator on the input.
+    Parameters
+    ----------
+    at : callable
+        Start, -1 to 1, to the form's column.
+    names : sequence of str
+        Of the flights.
     """
-    settings: dict[str, Any] = {setting: value}
-    columns = behind(partial(actuated, **settings))
-    return Variant((FRACTION,), columns, {name: value}, {name: unit}, about, model=model)
+
+    def columns(flight: Flight) -> Columns:
+        low, middle, high = (at(start)(flight) for start in (-1.0, 0.0, 1.0))
+        mine = np.array([name == flight.name for name in names], dtype=float)
+        return {c: np.column_stack([x, 0.5 * (high[c] - low[c]) * mine]) for c, x in middle.items()}
+
+    return columns
 
 
 def stopped(x: Array, flight: Flight, low: float, high: float) -> Array:

@@ -135,6 +135,7 @@ def actuate(
     lag: float = 0.0,
     rate: float = np.inf,
     backlash: float = 0.0,
+    start: float = 0.0,
     low: float = -np.inf,
     high: float = np.inf,
     hold: bool = False,
@@ -144,7 +145,7 @@ def actuate(
         x' = clip((c - x) / lag, -rate, rate)       low <= x <= high
 
     where c is the command after backlash: it is constant until the command differs by half the backlash. At the start
-    the command is in the middle of the backlash and the actuator at rest.
+    the actuator is at rest.
 
     Parameters
     ----------
@@ -155,6 +156,8 @@ def actuate(
     rate : float [command's unit / s]
     backlash : float [command's unit]
         Total width.
+    start : float
+        Of c less the command at the start, in half widths, -1 to 1.
     low, high : float [command's unit]
     hold : bool
         Command held from sample to sample; otherwise linear between them.
@@ -176,14 +179,14 @@ def actuate(
     out = np.empty(len(t))
     _actuate(
         np.ascontiguousarray(t, dtype=float), np.ascontiguousarray(command, dtype=float),
-        float(lag), float(rate), 0.5 * float(backlash), float(low), float(high), hold, out,
+        float(lag), float(rate), 0.5 * float(backlash), float(start), float(low), float(high), hold, out,
     )  # fmt: skip
     return out
 
 
 @njit(cache=True)
-def _actuate(t, command, lag, rate, half_backlash, low, high, hold, out):  # type: ignore[no-untyped-def]  # pragma: no cover
-    middle = command[0]
+def _actuate(t, command, lag, rate, half, start, low, high, hold, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    middle = command[0] + start * half
     x = min(max(middle, low), high)
     out[0] = x
     for k in range(1, t.size):
@@ -197,7 +200,7 @@ def _actuate(t, command, lag, rate, half_backlash, low, high, hold, out):  # typ
             # The command is constant over the step, at its value in the middle.
             part = 0.0 if hold else (s + (0.5 if lag > 0.0 else 1.0)) / steps
             wanted = command[k - 1] + part * (command[k] - command[k - 1])
-            middle = min(max(middle, wanted - half_backlash), wanted + half_backlash)
+            middle = min(max(middle, wanted - half), wanted + half)
             moved = (middle - x) * (1.0 - keep)
             moved = min(max(moved, -rate * dt), rate * dt)
             x = min(max(x + moved, low), high)
