@@ -17,6 +17,7 @@ from structsel.numerics.evidence import wider_priors
 
 WIDER = np.array([5.0, 15.0, 50.0])
 """Prior standard deviations of an exceeded parameter, over its stated tolerance (1 sigma); equally probable."""
+_MISSING = 3.0  # deviation over the stated value; one of a half or twice its value is there
 EVEN = 4.0
 """Deviation in stated tolerances at which a well determined parameter has probability one half to be exceeded."""
 
@@ -51,9 +52,9 @@ class ExceededTolerance:
 
     @property
     def effect(self) -> str:
-        """Name of the effect; a parameter that deviates by more than its own value is not in the simulation."""
+        """Name of the effect; a parameter with less than a quarter of its value is missing in the simulation."""
         n = self.tolerance
-        return n.absent if n.absent and abs(self.estimate.value) > 1.0 else n.effect
+        return n.absent if n.absent and abs(self.estimate.value) > _MISSING else n.effect
 
     @property
     def estimate(self) -> ParameterEstimate:
