@@ -151,12 +151,21 @@ def test_the_log_bayes_factor_is_against_the_best_other_effect_and_within_one():
     scores = [SimpleNamespace(log_bayes=x) for x in (100.0, 40.0, -5.0)]
     ahead = [weighing.ahead_of(s, scores, lambda one: one.log_bayes) for s in scores]
     assert ahead == pytest.approx([0.6, -1.0, -1.0])
-    near = [SimpleNamespace(log_bayes=x) for x in (100.0, 97.0, 40.0)]
-    assert weighing.ahead_of(near[1], near, lambda one: one.log_bayes) == pytest.approx(
-        57.0 / 97.0
-    )  # as good as the first
+    near = [SimpleNamespace(log_bayes=x) for x in (100.0, 98.0, 40.0)]
+    as_good_as_the_first = weighing.ahead_of(near[1], near, lambda one: one.log_bayes)
+    assert as_good_as_the_first == pytest.approx(58.0 / 98.0)
     alone = [SimpleNamespace(log_bayes=10.0)]
     assert weighing.ahead_of(alone[0], alone, lambda one: one.log_bayes) == pytest.approx(0.5)  # half of 20
+
+
+def test_the_lead_does_not_jump_where_an_alternative_becomes_as_good():
+    leads = []
+    for other in np.arange(80.0, 125.0, 0.02):
+        scores = [SimpleNamespace(log_bayes=x) for x in (100.0, other, 40.0)]
+        leads.append(weighing.ahead_of(scores[0], scores, lambda one: one.log_bayes))
+    assert (leads[0], leads[-1]) == pytest.approx((0.2, -0.25), abs=0.001)
+    assert leads[1000] == pytest.approx(0.6)  # 100 and 100
+    assert np.abs(np.diff(leads)).max() < 0.01
 
 
 def test_an_effect_is_behind_the_best_by_its_gain_at_admission():

@@ -22,7 +22,8 @@ resembles them leaves much of the next one."""
 _EACH = 5  # effects that are compared, by the log Bayes factor over the tolerances and by that over the simulation
 _EVENT = 0.5  # fraction of the evidence that counts for an effect of one flight, which no other flight can predict
 _FEW = 20.0  # log Bayes factor below which its relative lead means little
-_NEAR = 0.95  # ratio of log Bayes factors from which two effects are equally good
+_EQUAL, _LESS = 0.975, 0.925
+"""Ratios of log Bayes factors from which two effects are equally good, and up to which one is better."""
 _CLEAR = 10.0  # scale of the log Bayes factor with the simulation as given
 _ALONE = 1.0 / 3.0  # fraction of the lead with the simulation as given that counts if tolerances absorb the effect
 _BEHIND, _FURTHEST = 0.02, 3.0  # scale of the distance to the best effect, over its log Bayes factor; largest distance
@@ -218,12 +219,19 @@ def lead(one: EffectScore, alternatives: Sequence[EffectScore]) -> float:
 def ahead_of(one: EffectScore, scores: Sequence[EffectScore], evidence: Callable[[EffectScore], float]) -> float:
     """Lead of a log Bayes factor over the best alternative, relative to its own value; within -1 and 1.
 
-    Alternatives within 5 % are not counted: these recordings cannot distinguish them.
+    Alternatives within a few per cent are not counted: these recordings cannot distinguish them.
     """
     mine = evidence(one)
-    others = (evidence(s) for s in scores if s is not one)
-    best = max([0.0, *(x for x in others if not _NEAR * mine <= x <= mine / _NEAR)])
+    best = max([0.0, *(_counted(evidence(s), mine) for s in scores if s is not one)])
     return float(np.clip((mine - best) / max(mine, _FEW), -1.0, 1.0))
+
+
+def _counted(other: float, mine: float) -> float:
+    """Log Bayes factor of an alternative as far as it is distinguished from another."""
+    largest = max(other, mine)
+    if largest <= 0.0:
+        return other
+    return other * float(np.clip((_EQUAL - min(other, mine) / largest) / (_EQUAL - _LESS), 0.0, 1.0))
 
 
 def behind(one: EffectScore, kept: Sequence[EffectScore]) -> float:
