@@ -6,11 +6,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.noise_regressors import helpful_columns, state_functions, usual_functions
 from structsel.nomenclature import COEFFICIENTS
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Further
@@ -19,10 +17,7 @@ from structsel.numerics.projection import Projector
 
 HIGHEST = 6.0
 """Frequency [Hz] up to which an aircraft's responses are compared."""
-_BANDS = 14
 _EDGE = 1.0  # s
-_TURNS = 3  # estimates of the noise, each by the weights of the one before
-_FREE = 1e-3  # precision of the size of a column without a prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,132 +97,6 @@ def edge_of(flight: Flight) -> int:
 def frequencies(flight: Flight, bins: int) -> Array:
     """Frequency [Hz] of each coefficient."""
     return np.arange(1, bins + 1) / (2.0 * fast_length(len(flight)) * flight.dt)
-
-
-def estimate_noise(
-    flights: Sequence[Flight],
-    explained: Sequence[Mapping[str, Array]],
-    responses: Sequence[str],
-    pool: Mapping[str, Array],
-    known: Noise | None = None,
-) -> Noise:
-    """Spectrum of the part that tolerances, usual functions of the states and known physics do not explain.
-
-    Parameters
-    ----------
-    flights : sequence of Flight
-    explained : sequence of mapping of response to (bins, k) array
-        Spectra that may explain the differences, scaled by their priors, per flight.
-    responses : sequence of str
-    pool : mapping of response to (n, j) array
-        Coefficients of further columns, the flights one after another; the few that help most are used.
-    known : Noise, optional
-        Of some responses, which are left as they are there.
-    """
-    bins = [bins_of(f) for f in flights]
-    lowest = min(float(frequencies(f, b)[0]) for f, b in zip(flights, bins))
-    highest = max(float(frequencies(f, b)[-1]) for f, b in zip(flights, bins))
-    edges = np.geomspace(max(lowest, highest / 3000.0), highest, _BANDS)
-    log_std = {} if known is None else dict(known.log_std)
-    level = {} if known is None else dict(known.level)
-    functions = [state_functions(f) for f in flights]
-    names = list(functions[0])
-    spectra = np.vstack(
-        [spectrum(np.column_stack([*x.values()]), b, edge_of(f))[1:] for f, b, x in zip(flights, bins, functions)]
-    )
-
-    for response in (c for c in responses if c not in log_std):
-        mine = spectra[:, [names.index(name) for name in usual_functions(names, response)]]
-        left, free = _residual(flights, bins, explained, mine, response, edges, pool.get(response))
-        log_std[response] = _smooth_spectrum(flights, bins, left, free, edges)
-        usual = Noise(edges, log_std, {(f.name, response): 1.0 for f in flights})
-        for f, b, e, each in zip(flights, bins, left, free):
-            n = float(each.sum())
-            ratio = float(np.sum((e / usual.std(f, response, b)[1:]) ** 2) / max(n, 1e-9))
-            # Shrunk towards one: half a hundred coefficients tell a level to about a tenth.
-            level[f.name, response] = float(np.sqrt(np.clip((ratio * n / 20.0 + 1.0) / (n / 20.0 + 1.0), 0.25, 25.0)))
-
-    return Noise(edges, log_std, level)
-
-
-def _residual(
-    flights: Sequence[Flight],
-    bins: Sequence[int],
-    explained: Sequence[Mapping[str, Array]],
-    usual: Array,
-    response: str,
-    edges: Array,
-    further: Array | None,
-) -> tuple[list[Array], list[Array]]:
-    """Residual of one response's coefficients, and the degrees of freedom of each.
-
-    `explained` is held to its priors, `usual` columns are not. Where few coefficients meet many columns, the residual
-    shows little of the noise, at low frequencies above all.
-    """
-    y = np.concatenate([spectrum(f.difference[response], b, edge_of(f))[1:] for f, b in zip(flights, bins)])
-    Z = np.vstack([e[response][1:] for e in explained])
-    Z = Z[:, Z.any(axis=0)]  # most tolerances act on other responses
-    scale = np.sqrt((usual**2).mean(axis=0))
-    usual = usual[:, scale > 0.0] / scale[scale > 0.0]
-    squares = None if further is None else further**2
-    cuts = np.cumsum(bins)[:-1]
-
-    def level(left: Array, free: Array) -> Array:
-        held = _smooth_spectrum(flights, bins, np.split(left, cuts), np.split(free, cuts), edges)
-        return np.concatenate(
-            [np.exp(np.interp(np.log(frequencies(f, b)), np.log(edges), held)) for f, b in zip(flights, bins)]
-        )
-
-    left, free, std = y, np.ones(len(y)), np.full(len(y), max(float(y.std()), 1e-300))
-    for _ in range(_TURNS):
-        weight = 1.0 / std
-        factors = _factored(usual, Z, weight)
-        left, free = _left(factors, usual, Z, y, weight)
-        std = level(left, free)
-        if further is None or squares is None:
-            continue
-        helpful = helpful_columns(factors, y * weight, further, squares, weight)
-        if helpful:
-            X = np.column_stack([usual, further[:, helpful]])
-            less, fewer = _left(_factored(X, Z, weight), X, Z, y, weight)
-            lower = (found := level(less, fewer)) < std
-            left, free, std = np.where(lower, less, left), np.where(lower, fewer, free), np.minimum(found, std)
-    return np.split(left, cuts), np.split(free, cuts)
-
-
-def _factored(X: Array, Z: Array, weight: Array) -> tuple[Array, Array]:
-    """Lower factor L of the precision of the sizes of columns X without priors and Z with, and ``L^-1 [X Z]'``."""
-    rows = np.column_stack([X, Z]) * weight[:, None]
-    held_to = np.concatenate([np.full(X.shape[1], np.sqrt(_FREE)), np.ones(Z.shape[1])])
-    # The factor of rows.T @ rows + held_to^2, whose small eigenvalues the product would lose to rounding.
-    lower = np.asarray(np.linalg.qr(np.vstack([rows, np.diag(held_to)]), mode="r")).T
-    return lower, scipy.linalg.solve_triangular(lower, rows.T, lower=True)
-
-
-def _left(factors: tuple[Array, Array], X: Array, Z: Array, y: Array, weight: Array) -> tuple[Array, Array]:
-    """Residual of y after a fit of the columns, and the degrees of freedom of each of its coefficients."""
-    lower, turned = factors
-    fit = scipy.linalg.solve_triangular(lower, turned @ (y * weight), lower=True, trans="T")
-    return y - X @ fit[: X.shape[1]] - Z @ fit[X.shape[1] :], 1.0 - np.einsum("ij,ij->j", turned, turned)
-
-
-def _smooth_spectrum(
-    flights: Sequence[Flight], bins: Sequence[int], left: Sequence[Array], free: Sequence[Array], edges: Array
-) -> Array:
-    """Logarithm of the standard deviation at each edge, from the power around it over all flights."""
-    f = np.concatenate([frequencies(one, b) for one, b in zip(flights, bins)])
-    power, degrees = np.concatenate(left) ** 2, np.concatenate(free)
-    width = np.log(edges[1] / edges[0])
-    made = np.empty(len(edges))
-    for i, edge in enumerate(edges):
-        reach = 1.0
-        while True:
-            near = np.maximum(0.0, 1.0 - np.abs(np.log(f / edge)) / (reach * width))
-            if near @ degrees > 8.0 or reach > 20.0:
-                break
-            reach *= 1.5
-        made[i] = 0.5 * np.log(max(float(near @ power / max(near @ degrees, 1e-12)), 1e-300))
-    return np.maximum(made, made.max() - 16.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,9 +17,9 @@ from structsel.comparison.noise import (
     bins_of,
     difference_spectra,
     edge_of,
-    estimate_noise,
     side_by_side,
 )
+from structsel.comparison.noise_estimate import estimate_noise
 from structsel.comparison.nuisance import Nuisance
 from structsel.comparison.tolerances import biases_of, tolerances_of
 from structsel.diagnosis.signatures import Signature

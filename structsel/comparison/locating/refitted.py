@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from structsel.comparison.flight import Flight
-from structsel.comparison.noise import Noise, Rows, as_spectra, estimate_noise, side_by_side
+from structsel.comparison.noise import Noise, Rows, as_spectra, side_by_side
+from structsel.comparison.noise_estimate import estimate_noise
 from structsel.comparison.tolerances import biases_of, tolerances_of
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Base
