@@ -101,12 +101,20 @@ def test_the_scale_of_an_attitude_is_found(faults, about, value):
 def test_a_scale_about_another_zero_brings_a_constant():
     recordings = [r.with_channels(alpha=r["alpha"] + 0.1 * (r["alpha"] - 0.2)) for r in fly()]
     flights = compare(recordings)
-    form = next(v for v in effect_named("sensor-scale").variants(flights) if "vane, about a zero" in v.about)
-    found = explain(flights, form)
-    assert found.explained > 0.97
+    forms = [v for v in effect_named("sensor-scale").variants(flights) if "attack vane, about a zero" in v.about]
+    assert {v.shape["zero"] for v in forms} == {-0.15, -0.05, 0.05, 0.15}
+    again = forms[0].again
+    found = explain(flights, again(0.2))
+    # First order, with one parameter; about the same reading on the other side of zero 0.02.
+    assert found.explained > 0.95 > 0.1 > explain(flights, again(-0.2)).explained
     # Of the reading, as others tell the truth: 0.1 of 1.1.
     assert_allclose(found.values["scale"], 0.1 / 1.1, rtol=0.1)
-    assert_allclose(found.values["zero"], -0.02 / 1.1, rtol=0.3)
+    for f in flights:  # the level too, which the fit leaves out
+        wrong = {
+            c: found.values["scale"] * x[:, 0] for c, x in again(0.2).columns(f).items() if c in ("CX", "CZ", "Cm")
+        }
+        for c, x in wrong.items():
+            assert_allclose(x.mean(), f.difference[c].mean(), rtol=0.2, atol=2e-4)
 
 
 def test_a_latched_flow_attaches_at_a_smaller_angle_than_it_separates():

@@ -9,7 +9,7 @@ import numpy as np
 
 from structsel.comparison.flight import Flight
 from structsel.comparison.sensitivity import reading
-from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant
+from structsel.effects.base import Effect, EffectParameter, FittedEffect, Flights, Variant, of_shape
 from structsel.effects.biases import bias_says, bias_variants, constant_biases
 from structsel.effects.operators import spaced
 from structsel.effects.readings import (
@@ -28,8 +28,9 @@ from structsel.numerics.arrays import Array
 from structsel.numerics.dynamic_elements import delayed
 
 _AXES = "xyz"
-_ZERO = {"V": (2.0, "m/s"), "alpha": (0.02, "rad"), "beta": (0.02, "rad")}
-"""Usual size of the reading where the truth is zero."""
+_ZEROS = {"V": (2.0, 6.0), "alpha": (0.05, 0.15), "beta": (0.05, 0.15)}
+"""Readings about which a scale may be wrong, on either side of zero [m/s, rad]. A scale that is wrong about a reading
+far outside these is a bias."""
 _MIXED = (("ax", "az"), ("ay", "az"), ("r", "p"), ("p", "r"))
 """Channels that contain a fraction of another, which contains nothing of theirs."""
 
@@ -60,16 +61,26 @@ def _scale_variants(flights: Flights) -> list[Variant]:
                 about=INSTRUMENTS[channel],
             )
         )
-        if channel in AIR:
-            # A scale about a zero of its own: a bias comes with it.
-            zero = EffectParameter("zero", _ZERO[channel][1], _ZERO[channel][0])
-            columns = wrong_readings(partial(_scaled_about, channel=channel))
-            made.append(Variant((scale, zero), columns, about=f"{INSTRUMENTS[channel]}, about a zero of its own"))
+        about = partial(_scaled_about, channel, scale)
+        made += [of_shape(about, side * x) for x in _ZEROS.get(channel, ()) for side in (-1.0, 1.0)]
     return made
 
 
-def _scaled_about(flight: Flight, channel: str) -> list[Errors]:
-    return [*_scaled(flight, channel), {channel: 1.0}]
+def _scaled_about(channel: str, scale: EffectParameter, zero: float) -> Variant:
+    """A scale about a zero of its own: a bias comes with it."""
+
+    def errors(flight: Flight) -> list[Errors]:
+        (made,) = _scaled(flight, channel)
+        return [{**made, channel: made[channel] - zero}]
+
+    unit = "m/s" if channel == "V" else "rad"
+    return Variant(
+        (scale,),
+        wrong_readings(errors),
+        {"zero": zero},
+        {"zero": unit},
+        f"{INSTRUMENTS[channel]}, about a zero of its own",
+    )
 
 
 def _as_read(flights: Flights, channel: str) -> bool:
