@@ -105,12 +105,13 @@ def _residual(y: Array, Z: Array, usual: Array, bands: _Bands, further: Array | 
 
     Columns `Z` are held to their priors, `usual` ones are not. Where few coefficients meet many columns, the residual
     shows little of the noise, at low frequencies above all. In each turn the further columns that help are chosen
-    anew. Where what they leave is larger than what is left without them, they do not count.
+    anew. At each frequency the least counts that is left without them, with them, or with those of all turns.
     """
     Z = Z[:, Z.any(axis=0)]  # most tolerances act on other responses
     scale = np.sqrt((usual**2).mean(axis=0))
     usual = usual[:, scale > 0.0] / scale[scale > 0.0]
     squares = None if further is None else further**2
+    taken: dict[int, None] = {}
     left, free, std = y, np.ones(len(y)), np.full(len(y), max(float(y.std()), 1e-300))
     for _ in range(_TURNS):
         weight = 1.0 / std
@@ -120,8 +121,9 @@ def _residual(y: Array, Z: Array, usual: Array, bands: _Bands, further: Array | 
         if further is None or squares is None:
             continue
         helpful = helpful_columns(factors, y * weight, further, squares, weight)
-        if helpful:
-            X = np.column_stack([usual, further[:, helpful]])
+        taken |= dict.fromkeys(helpful)
+        for columns in dict.fromkeys((tuple(sorted(helpful)), tuple(sorted(taken)))):
+            X = np.column_stack([usual, further[:, columns]])
             less, fewer = _left(_factored(X, Z, weight), X, Z, y, weight)
             lower = (found := bands.std(less, fewer)) < std
             left, free, std = np.where(lower, less, left), np.where(lower, fewer, free), np.minimum(found, std)
