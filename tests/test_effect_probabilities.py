@@ -168,6 +168,13 @@ def test_the_lead_does_not_jump_where_an_alternative_becomes_as_good():
     assert np.abs(np.diff(leads)).max() < 0.01
 
 
+def test_an_alternative_that_is_as_good_as_given_counts_if_the_tolerances_distinguish_it():
+    one, other, far = scored(3456.0, 1594.0), scored(2960.0, 1623.0), scored(2357.0, 449.0)
+    assert weighing.lead(one, [one, other, far]) == pytest.approx(1.0 - 2960.0 / 3456.0)
+    as_good = scored(3440.0, 1623.0)
+    assert weighing.lead(one, [one, as_good, far]) > 1.0
+
+
 def test_an_effect_is_behind_the_best_by_its_gain_at_admission():
     first, near, far, delivered = scored(1000.0, 50.0), scored(980.0, 0.0), scored(200.0, 0.0), scored(2.0, 400.0)
     kept = [first, near, far, delivered]

@@ -14,6 +14,8 @@ from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.size_evidence import agreed, beyond_form, beyond_plant_form
 
+Evidence = Callable[[EffectScore], float]
+
 _CONFIRMED = 1.5  # log Bayes factor that counts at most, over that on the response to the inputs
 _PART, _ALL = 0.75, 0.95
 """Fractions of all that exceeds the noise on other flights. An effect that explains more than the first counts in part
@@ -212,26 +214,26 @@ def lead(one: EffectScore, alternatives: Sequence[EffectScore]) -> float:
     Or a third of that with the simulation as given, times log(1 + its factor / 10), if that is larger.
     """
     as_given = max(0.0, log_bayes_as_given(one))
-    alone = max(0.0, ahead_of(one, alternatives, log_bayes_as_given)) * np.log1p(as_given / _CLEAR)
+    alone = max(0.0, ahead_of(one, alternatives, log_bayes_as_given, log_bayes)) * np.log1p(as_given / _CLEAR)
     return max(ahead_of(one, alternatives, log_bayes), _ALONE * float(alone))
 
 
-def ahead_of(one: EffectScore, scores: Sequence[EffectScore], evidence: Callable[[EffectScore], float]) -> float:
+def ahead_of(
+    one: EffectScore, scores: Sequence[EffectScore], evidence: Evidence, also: Evidence | None = None
+) -> float:
     """Lead of a log Bayes factor over the best alternative, relative to its own value; within -1 and 1.
 
-    Alternatives within a few per cent are not counted: these recordings cannot distinguish them.
+    Alternatives within a few per cent, by `also` too, are not counted: these recordings cannot distinguish them.
     """
-    mine = evidence(one)
-    best = max([0.0, *(_counted(evidence(s), mine) for s in scores if s is not one)])
-    return float(np.clip((mine - best) / max(mine, _FEW), -1.0, 1.0))
+    mine, by = evidence(one), [evidence, also or evidence]
+    counted = (evidence(s) * max(_distinguished(e(s), e(one)) for e in by) for s in scores if s is not one)
+    return float(np.clip((mine - max([0.0, *counted])) / max(mine, _FEW), -1.0, 1.0))
 
 
-def _counted(other: float, mine: float) -> float:
-    """Log Bayes factor of an alternative as far as it is distinguished from another."""
-    largest = max(other, mine)
-    if largest <= 0.0:
-        return other
-    return other * float(np.clip((_EQUAL - min(other, mine) / largest) / (_EQUAL - _LESS), 0.0, 1.0))
+def _distinguished(one: float, other: float) -> float:
+    """How far two log Bayes factors differ, between 0 and 1."""
+    largest = max(one, other)
+    return float(np.clip((_EQUAL - min(one, other) / largest) / (_EQUAL - _LESS), 0.0, 1.0)) if largest > 0.0 else 1.0
 
 
 def behind(one: EffectScore, kept: Sequence[EffectScore]) -> float:
