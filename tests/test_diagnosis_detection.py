@@ -247,10 +247,10 @@ def test_four_tolerances_known_exactly_are_as_probably_an_exceeded_one_as_not():
     assert_allclose(one.log_odds, 0.0, atol=1e-6)
 
 
-def test_what_deviates_by_more_than_its_own_value_is_not_in_the_simulation():
+def test_a_term_of_which_less_than_a_quarter_is_there_is_missing_and_one_of_a_half_is_wrong():
     term = Nuisance("Cl: alpha*beta", 0.15, "relative", (), effect="wrong-derivative", absent="cross-coupling")
-    small, large = (exceeded([term], np.array([x]), np.array([[1e-6]]))[0] for x in (5.0, 9.0))
-    assert (small.effect, large.effect) == ("wrong-derivative", "cross-coupling")
+    half, fifth = (exceeded([term], np.array([x / 0.15]), np.array([[1e-6]]))[0] for x in (1.0, 4.0))
+    assert (half.effect, fifth.effect) == ("wrong-derivative", "cross-coupling")
 
 
 def test_what_has_no_stated_tolerance_and_explains_more_takes_the_name():
