@@ -55,7 +55,7 @@ def test_what_a_form_of_another_shape_explains_is_no_noise_once_that_is_found(co
     before = times_too_large(problem.noise, noise, "CY")
     spectra = next(each_spectra([between], problem.flights, problem.responses))
     found = Signature(library.of("slosh")[0].hypothesis, between, spectra, acting(spectra, problem.flights))
-    after = times_too_large(problem.but_for([found], library.signatures).noise, noise, "CY")
+    after = times_too_large(problem.with_noise_without([found], library.signatures).noise, noise, "CY")
     assert before.max() > 10.0
     assert after.max() < 2.0
     assert after.min() > 0.6

@@ -42,8 +42,7 @@ def estimate_noise(
         Of some responses, which are left as they are there.
     """
     bins = [bins_of(f) for f in flights]
-    each = [frequencies(f, b) for f, b in zip(flights, bins)]
-    bands = _Bands.over(np.concatenate(each), min(float(f[0]) for f in each), max(float(f[-1]) for f in each))
+    bands = _Bands.over(np.concatenate([frequencies(f, b) for f, b in zip(flights, bins)]))
     log_std = {} if known is None else dict(known.log_std)
     level = {} if known is None else dict(known.level)
     functions = [state_functions(f) for f in flights]
@@ -77,8 +76,9 @@ class _Bands:
     edges: Array
 
     @classmethod
-    def over(cls, frequencies: Array, lowest: float, highest: float) -> _Bands:
-        return cls(frequencies, np.geomspace(max(lowest, highest / 3000.0), highest, _BANDS))
+    def over(cls, frequencies: Array) -> _Bands:
+        highest = float(frequencies.max())
+        return cls(frequencies, np.geomspace(max(float(frequencies.min()), highest / 3000.0), highest, _BANDS))
 
     def log_std(self, left: Array, free: Array) -> Array:
         """Logarithm of the standard deviation at each edge, from residuals around it and their degrees of freedom."""
@@ -111,7 +111,7 @@ def _residual(y: Array, Z: Array, usual: Array, bands: _Bands, further: Array | 
     scale = np.sqrt((usual**2).mean(axis=0))
     usual = usual[:, scale > 0.0] / scale[scale > 0.0]
     squares = None if further is None else further**2
-    taken: dict[int, None] = {}
+    taken: set[int] = set()
     left, free, std = y, np.ones(len(y)), np.full(len(y), max(float(y.std()), 1e-300))
     for _ in range(_TURNS):
         weight = 1.0 / std
@@ -121,8 +121,8 @@ def _residual(y: Array, Z: Array, usual: Array, bands: _Bands, further: Array | 
         if further is None or squares is None:
             continue
         helpful = helpful_columns(factors, y * weight, further, squares, weight)
-        taken |= dict.fromkeys(helpful)
-        for columns in dict.fromkeys((tuple(sorted(helpful)), tuple(sorted(taken)))):
+        taken.update(helpful)
+        for columns in filter(None, dict.fromkeys((tuple(sorted(helpful)), tuple(sorted(taken))))):
             X = np.column_stack([usual, further[:, columns]])
             less, fewer = _left(_factored(X, Z, weight), X, Z, y, weight)
             lower = (found := bands.std(less, fewer)) < std

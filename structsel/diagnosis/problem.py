@@ -127,7 +127,7 @@ class DiagnosisProblem:
         known = self.noise.but_for(touched)
         return self._with_noise(_no_noise(library), known, accepted)
 
-    def but_for(self, forms: Sequence[Signature], library: Sequence[Signature]) -> DiagnosisProblem:
+    def with_noise_without(self, forms: Sequence[Signature], library: Sequence[Signature]) -> DiagnosisProblem:
         """Problem with the noise that some forms leave, which are not in the library; estimated where they act.
 
         Parameters

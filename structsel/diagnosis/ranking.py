@@ -175,7 +175,7 @@ def search_effects(
     known = {id(s) for s in library.signatures}
     moved = [s.signature for s in scores if s.log_evidence >= EVIDENT and id(s.signature) not in known]
     if moved:
-        problem = problem.but_for(moved, library.signatures)
+        problem = problem.with_noise_without(moved, library.signatures)
         scores = _scored(problem, library)
     scores = motion.confirm(problem, scores)
     return scores, candidate_effects(problem, scores)

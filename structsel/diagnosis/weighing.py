@@ -218,14 +218,12 @@ def lead(one: EffectScore, alternatives: Sequence[EffectScore]) -> float:
     return max(ahead_of(one, alternatives, log_bayes), _ALONE * float(alone))
 
 
-def ahead_of(
-    one: EffectScore, scores: Sequence[EffectScore], evidence: Evidence, also: Evidence | None = None
-) -> float:
+def ahead_of(one: EffectScore, scores: Sequence[EffectScore], evidence: Evidence, *also: Evidence) -> float:
     """Lead of a log Bayes factor over the best alternative, relative to its own value; within -1 and 1.
 
     Alternatives within a few per cent, by `also` too, are not counted: these recordings cannot distinguish them.
     """
-    mine, by = evidence(one), [evidence, also or evidence]
+    mine, by = evidence(one), (evidence, *also)
     counted = (evidence(s) * max(_distinguished(e(s), e(one)) for e in by) for s in scores if s is not one)
     return float(np.clip((mine - max([0.0, *counted])) / max(mine, _FEW), -1.0, 1.0))
 

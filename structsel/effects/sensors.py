@@ -21,7 +21,7 @@ from structsel.effects.readings import (
     present,
     wrong_readings,
 )
-from structsel.effects.signals import available, gathered
+from structsel.effects.signals import UNITS, available, gathered
 from structsel.effects.wording import INSTRUMENTS, capital, percent, shown, subject
 from structsel.numerics.air_data import body_velocity, cross
 from structsel.numerics.arrays import Array
@@ -73,14 +73,8 @@ def _scaled_about(channel: str, scale: EffectParameter, zero: float) -> Variant:
         (made,) = _scaled(flight, channel)
         return [{**made, channel: made[channel] - zero}]
 
-    unit = "m/s" if channel == "V" else "rad"
-    return Variant(
-        (scale,),
-        wrong_readings(errors),
-        {"zero": zero},
-        {"zero": unit},
-        f"{INSTRUMENTS[channel]}, about a zero of its own",
-    )
+    about = f"{INSTRUMENTS[channel]}, about a zero of its own"
+    return Variant((scale,), wrong_readings(errors), {"zero": zero}, {"zero": UNITS[channel]}, about)
 
 
 def _as_read(flights: Flights, channel: str) -> bool:
