@@ -1,6 +1,7 @@
 """The public names: all there, all documented, one version."""
 
 import ast
+import inspect
 import re
 import tomllib
 from importlib.metadata import requires, version
@@ -27,6 +28,11 @@ def test_every_public_verb_says_what_goes_in_comes_out_and_goes_wrong(name):
     for section in ("Parameters\n", "Returns\n"):
         assert section in text
     assert "Raises\n" in text or name == "demo_flights"
+
+
+def test_no_signature_prints_the_contents_of_a_default():
+    functions = [getattr(ss, name) for name in ss.__all__ if inspect.isfunction(getattr(ss, name))]
+    assert [f.__name__ for f in functions if " at 0x" in str(inspect.signature(f))] == []
 
 
 def test_every_step_of_the_journey_is_at_the_top():

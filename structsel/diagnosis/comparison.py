@@ -18,7 +18,7 @@ from structsel.diagnosis.diagnose import but_without, split_flight
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.signatures import Library, work_out
 from structsel.diagnosis.switching import with_proposals
-from structsel.effects import EFFECTS, Effect
+from structsel.effects import Effect
 from structsel.errors import DataError
 from structsel.numerics.arrays import Array
 from structsel.numerics.evidence import Base
@@ -165,7 +165,7 @@ def comparison(
     recordings: Sequence[Recording],
     aircraft: Aircraft,
     *,
-    effects: Sequence[Effect] = EFFECTS,
+    effects: Sequence[Effect] | None = None,
     without_effects: Sequence[str] = (),
     progress: Callable[[str, int, int], None] | None = None,
 ) -> EffectComparison:

@@ -71,7 +71,7 @@ def diagnose(
     aircraft: Aircraft | None = None,
     *,
     held_out: Sequence[str] = (),
-    effects: Sequence[Effect] = EFFECTS,
+    effects: Sequence[Effect] | None = None,
     without_effects: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Diagnosis:
@@ -88,8 +88,8 @@ def diagnose(
         channels of a flight.
     held_out : sequence of str
         Names of the validation recordings; by default each recording is held out in turn.
-    effects : sequence of Effect
-        Effects that may be named.
+    effects : sequence of Effect, optional
+        Effects that may be named; by default all of `structsel.effects.EFFECTS`.
     without_effects : sequence of str
         Names of effects that may not be named, to see the result without them.
     progress : callable, optional
@@ -118,14 +118,15 @@ def diagnose(
     return replace(found, seconds=time.perf_counter() - begun)
 
 
-def but_without(effects: Sequence[Effect], names: Sequence[str]) -> tuple[Effect, ...]:
-    """Effects without the named ones.
+def but_without(effects: Sequence[Effect] | None, names: Sequence[str]) -> tuple[Effect, ...]:
+    """Effects, by default all, without the named ones.
 
     Raises
     ------
     DataError
         No effect has such a name.
     """
+    effects = EFFECTS if effects is None else effects
     known = [e.name for e in effects]
     if unknown := [name for name in names if name not in known]:
         raise DataError(f"there is no effect '{unknown[0]}' to leave out.{suggest(unknown[0], known)}")
