@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from structsel.diagnosis import members, ranking
+from structsel.demo.aircraft import TRUTH
+from structsel.diagnosis import judging, members, ranking
 from structsel.diagnosis.assembling import make_findings
 from structsel.diagnosis.diagnose import unpredicted
 from structsel.diagnosis.effect_probability import AGAINST, FEATURES, further_probabilities
@@ -15,7 +16,7 @@ from structsel.diagnosis.notes import notes
 from structsel.diagnosis.ranking import Ranking, rank
 from structsel.diagnosis.scoring import score_all
 from structsel.diagnosis.signatures import Library
-from structsel.diagnosis.weighing import CandidateEffect
+from structsel.diagnosis.weighing import CandidateEffect, candidate_effects
 from structsel.numerics.evidence import Base
 from structsel.recording import Recording
 from tests.noisy_flights import flights_with, fly, ready, tried
@@ -142,3 +143,22 @@ def test_responses_with_little_predicted_are_reported():
     (said,) = unpredicted({"CZ": (0.2, True), "Cl": (0.94, True)})
     assert "relative to the measured rms: Cl 0.94." in said
     assert unpredicted({"CZ": (0.2, True)}) == []
+
+
+def test_an_effect_that_takes_errors_within_tolerances_where_these_are_exact_stays_a_candidate():
+    slope = TRUTH["CZ"]["alpha"]
+    bent = {"alpha": 0.08 * slope, "V*alpha": 0.02 * slope}
+    within = {"CY": {"beta": 1.2 * TRUTH["CY"]["beta"]}, "Cl": {"da": 1.2 * TRUTH["Cl"]["da"]}}
+    flights = flights_with({"CZ": bent, **within}, speeds=(42.0, 50.0, 46.0), h=(1000.0,) * 3)
+    problem, library = tried(flights, "flexibility")
+    (score,) = score_all(problem, library)
+
+    def gained(before):
+        after = before.with_effect(score.signature)
+        return judging.gains(judging.held_out(before), judging.held_out(after), after.judged_responses)
+
+    assert min(gained(problem.as_given).values()) < -0.5
+    assert gained(problem)["CZ"] > 0.5
+    assert min(gained(problem).values()) > -0.1
+    (candidate,) = candidate_effects(problem, [score])
+    assert candidate.effect == "flexibility"

@@ -182,7 +182,8 @@ def _admissible(
 ) -> tuple[list[tuple[EffectScore, Taken, float, float]], list[EffectScore]]:
     """Candidate effects, with what each explains and how far it decreases the error; and all alternatives.
 
-    An effect that degrades held-out flights is neither.
+    An effect that degrades held-out flights is neither. With exact tolerances it may do so because it takes their
+    deviations; one that has evidence over the tolerances must degrade with free ones too.
     """
     plain = problem.as_given
     before = judging.held_out(plain, True)
@@ -195,17 +196,24 @@ def _admissible(
             extended = plain.with_effect(one.signature)
             taken = Taken.by(one, plain, extended)
             after = judging.held_out(extended, True)
-            gained = judging.gains(before, after, extended.judged_responses)
-            gain, degrades = max(gained.values(), default=0.0), -min(gained.values(), default=0.0)
-            if one.alone:  # other flights cannot predict the one on which it acts
-                without, with_it = (judging.held_out(b, True, one.signature.flights) for b in (plain, extended))
-                degrades = -min(judging.gains(without, with_it, extended.judged_responses).values(), default=0.0)
-            if degrades > _DEGRADES:
+            gain = max(judging.gains(before, after, extended.judged_responses).values(), default=0.0)
+            degrades = _degrades(one, plain, extended)
+            if degrades and log_bayes(one) >= EVIDENT:
+                degrades = _degrades(one, problem, problem.with_effect(one.signature))
+            if degrades:
                 alternatives.remove(one)
             else:
                 of_plant = beyond_plant_form(plain, before, after) if problem.is_plant else np.inf
                 kept.append((one, taken, max(gain, 0.0), of_plant))
     return kept, alternatives
+
+
+def _degrades(one: EffectScore, problem: DiagnosisProblem, extended: DiagnosisProblem) -> bool:
+    """Whether an effect increases the error of a response on held-out flights too far."""
+    # Other flights cannot predict the one on which an event of one flight acts.
+    but_for = one.signature.flights if one.alone else ()
+    before, after = (judging.held_out(b, True, but_for) for b in (problem, extended))
+    return min(judging.gains(before, after, extended.judged_responses).values(), default=0.0) < -_DEGRADES
 
 
 def lead(one: EffectScore, alternatives: Sequence[EffectScore]) -> float:
