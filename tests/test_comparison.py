@@ -201,6 +201,16 @@ def test_the_slope_of_a_table_that_is_even_in_sideslip_is_its_mean_over_the_zero
         assert_allclose(stand_in.slope(f, "CX", "beta"), mean, atol=0.02)
 
 
+def test_what_thrust_does_to_a_lateral_response_is_in_the_surrogate():
+    same = flights_with({}, speeds=(36.0, 45.0, 60.0), h=(1000.0,) * 3)
+    flights = [replace(f, channels={**f.channels, "CT": 0.1 + 0.05 * np.sin(f.t)}) for f in same]
+    simulated = [{"Cl": -0.09 * f["beta"] - 0.1 * f["da"] + 0.001 * f["CT"]} for f in flights]
+    stand_in = identify(flights, simulated, ["Cl"])
+    assert any("CT" in term for term in stand_in.terms["Cl"])
+    for f, s in zip(flights, simulated):
+        assert_allclose(stand_in.evaluate(f, "Cl"), s["Cl"], atol=0.02 * s["Cl"].std())
+
+
 def test_an_airbrake_deflection_is_in_the_surrogate_and_in_the_tolerances(flights_and_truth):
     recordings, stated = flights_and_truth
     out = [np.clip(T - 8.0, 0.0, 1.0) * (k == 1) for k in range(4)]

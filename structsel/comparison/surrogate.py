@@ -53,6 +53,7 @@ _LEAST_FRACTION, _CLEAR = 1e-5, 20.0
 """What a term must carry: of the variance, and of the mean square that is left."""
 _RATE_WORTH, _SPEED_WORTH, _WRONG_SIDE = 0.002, 0.2, 0.05
 _SIDEWAYS = {"beta", "p_hat", "r_hat", "da", "dr"}
+_BY_POWER = {"Cl", "Cn"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,14 +240,17 @@ def identify(
     # The rate of angle of attack is the pitch rate and what CZ makes of it: with it, anything would fit. In trimmed
     # flight airspeed and angle of attack are collinear.
     liking = np.array([_RATE_WORTH if "alpha_dot_hat" in t else _SPEED_WORTH if "V" in t else 1.0 for t in pool])
-    # An aircraft is nearly symmetric: products that are odd in lateral motion belong to lateral responses.
+    # An aircraft is nearly symmetric: products that are odd in lateral motion belong to lateral responses. Those of
+    # thrust may belong to lateral moments too: a propeller's torque, swirl and inclined disc roll and yaw the aircraft.
     odd = np.array([sum(c in _SIDEWAYS for c in term) % 2 == 1 for term in pool])
+    powered = np.array(["CT" in term for term in pool])
 
     def fitted(count: int) -> Surrogate:
         """By the first of the pool."""
         terms, values, constant, r2 = {}, {}, {}, {}
         for i, (response, y) in enumerate(simulated_responses.items(), 1 + len(pool)):
             alike = odd == (response in LATERAL_COEFFICIENTS) if response in COEFFICIENTS else np.ones_like(odd)
+            alike = alike | (powered & (response in _BY_POWER))
             weights = np.where(alike, liking, _WRONG_SIDE * liking)[:count]
             kept, fit = _fit(X[:, :count], y, products.of_columns([*range(1 + count), i]), ends, weights)
             left = y - fit[0] - X[:, kept] @ fit[1:]
