@@ -27,6 +27,7 @@ from structsel.diagnosis.effect_probability import (
     further_probabilities,
 )
 from structsel.diagnosis.members import Member, mean_gains
+from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.size_evidence import beyond_form, jackknifed
 from structsel.effects.base import EffectParameter
 from structsel.numerics.evidence import Trial
@@ -47,7 +48,7 @@ def scored(with_effect, delivered, kind="atmospheric", input_only=None, unconfir
     return SimpleNamespace(
         event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
         input_only=input_only, unconfirmed_weight=unconfirmed_weight,
-        hypothesis=SimpleNamespace(log_prior=0.0, kind=kind), trial=SimpleNamespace(at_scales=[delivered]),
+        hypothesis=SimpleNamespace(log_prior=0.0, kind=kind), as_given=delivered,
     )  # fmt: skip
 
 
@@ -123,7 +124,7 @@ def test_evidence_that_tolerances_can_absorb_does_not_count_once_something_was_f
     def score(effect, with_effect, delivered, event=False):
         return SimpleNamespace(
             effect=effect, event=event, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
-            hypothesis=SimpleNamespace(name=effect, log_prior=0.0), trial=SimpleNamespace(at_scales=[delivered]),
+            hypothesis=SimpleNamespace(name=effect, log_prior=0.0), as_given=delivered,
             input_only=None, unconfirmed_weight=0.0,
         )  # fmt: skip
 
@@ -173,6 +174,25 @@ def test_an_alternative_that_is_as_good_as_given_counts_if_the_tolerances_distin
     assert weighing.lead(one, [one, other, far]) == pytest.approx(1.0 - 2960.0 / 3456.0)
     as_good = scored(3440.0, 1623.0)
     assert weighing.lead(one, [one, as_good, far]) > 1.0
+
+
+def test_what_tolerances_would_still_add_to_an_effect_does_not_count_for_it():
+    def alone(exact, free, still_added):
+        trial = SimpleNamespace(at_scales=np.array([free, exact]), log_bayes=free)
+        return EffectScore(
+            SimpleNamespace(name=""), (), (trial,), np.zeros(1), free, np.zeros(2), np.array([still_added]), 0.0, 0
+        ).as_given_alone
+
+    assert alone(787.0, 10.0, 698.0) == 89.0  # one of many parameters that deviate within their tolerances
+    assert alone(539.0, 19.0, 6.0) == 533.0  # the only one that deviates
+    assert alone(984.0, 971.0, 1000.0) == 971.0  # tolerances and effect are different differences
+    assert alone(50.0, 60.0, 200.0) == 50.0
+
+
+def test_an_effect_that_is_one_deviation_of_many_is_less_probable_alone():
+    one = SimpleNamespace(**vars(scored(7.0, 787.0)), as_given_alone=89.0)
+    assert weighing.lead(one, ()) > 1.4
+    assert weighing.lead(one, (), weighing.log_bayes_alone) == pytest.approx(np.log1p(8.9) / 3.0)
 
 
 def test_an_effect_is_behind_the_best_by_its_gain_at_admission():

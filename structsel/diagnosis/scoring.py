@@ -38,6 +38,8 @@ class EffectScore:
         Over the base, averaged over forms, within plausible limits.
     predictive : (m,) array
         Log predictive density of each flight given the others, over the base's.
+    still_added : (v,) array
+        Log Bayes factor of the tolerances beside each form, at their most probable size; over exact ones.
     within : float
         Log of the posterior over the prior probability that the parameters of the best form are within their limits,
         minus the log of the number of event times and of manoeuvres that were searched.
@@ -55,6 +57,7 @@ class EffectScore:
     log_weights: Array
     log_evidence: float
     predictive: Array
+    still_added: Array
     within: float
     best: int
     input_only: EffectScore | None = None
@@ -69,6 +72,20 @@ class EffectScore:
     def signature(self) -> Signature:
         """Signature of the form that is judged."""
         return self.signatures[self.best]
+
+    @property
+    def as_given(self) -> float:
+        """Log Bayes factor with exact tolerances."""
+        return float(self.trial.at_scales[-1])
+
+    @property
+    def as_given_alone(self) -> float:
+        """That factor; what exceeds the one with free tolerances counts less what these would still add.
+
+        Where many parameters deviate within their tolerances, an effect that resembles some of them explains much of
+        the differences with exact tolerances, and nothing with free ones.
+        """
+        return min(self.as_given, max(self.trial.log_bayes, self.as_given - float(self.still_added[self.best])))
 
     @property
     def event(self) -> bool:
@@ -109,9 +126,11 @@ def score(
     total = float(scipy.special.logsumexp(evidence) - np.log(len(forms)))
     reduction = _reductions(problem, trials)
     best = int(np.argmax(evidence + reduction))
+    with_form = problem.base.evidence[:, 0] + np.stack([t.at_scales for t in trials])
     return EffectScore(
-        hypothesis, tuple(forms), tuple(trials), log_weights, total, predictive, float(within[best]), best
-    )
+        hypothesis, tuple(forms), tuple(trials), log_weights, total, predictive,
+        still_added=with_form.max(axis=1) - with_form[:, -1], within=float(within[best]), best=best,
+    )  # fmt: skip
 
 
 def improved(

@@ -81,10 +81,20 @@ def bounded(recorded: float, input_only: float, unconfirmed_weight: float = 0.0)
 
 def log_bayes_as_given(score: EffectScore) -> float:
     """Log Bayes factor of an effect with exact tolerances, limited by that on the response to the inputs."""
-    recorded = float(score.trial.at_scales[-1])
+    return _limited(score, lambda one: one.as_given)
+
+
+def log_bayes_alone(score: EffectScore) -> float:
+    """As `log_bayes_as_given`, less what the tolerances would still add; see `EffectScore.as_given_alone`."""
+    return _limited(score, lambda one: one.as_given_alone)
+
+
+def _limited(score: EffectScore, evidence: Evidence) -> float:
+    """A log Bayes factor, limited by that on the response to the inputs."""
+    recorded = evidence(score)
     if score.input_only is None:
         return recorded
-    return bounded(recorded, log_bayes_as_given(score.input_only), score.unconfirmed_weight)
+    return bounded(recorded, _limited(score.input_only, evidence), score.unconfirmed_weight)
 
 
 def unconfirmed_log_bayes(scores: Sequence[EffectScore]) -> float:
@@ -160,7 +170,7 @@ def candidate_effects(problem: DiagnosisProblem, scores: Sequence[EffectScore]) 
         made.append(
             CandidateEffect(
                 features=np.array([values[name] for name in FEATURES], dtype=float),
-                lead_alone=lead(one, ()),
+                lead_alone=lead(one, (), log_bayes_alone),
                 log_bayes=log_bayes(one),
                 max_log_odds=min(np.inf if one.event else agreed(extended), of_form) - AGREED,
                 lowers=gain >= _LOWERS or taken.judged_there >= _THERE,
@@ -216,14 +226,20 @@ def _degrades(one: EffectScore, problem: DiagnosisProblem, extended: DiagnosisPr
     return min(judging.gains(before, after, extended.judged_responses).values(), default=0.0) < -_DEGRADES
 
 
-def lead(one: EffectScore, alternatives: Sequence[EffectScore]) -> float:
+def lead(one: EffectScore, alternatives: Sequence[EffectScore], as_given: Evidence = log_bayes_as_given) -> float:
     """Lead over the best alternative, relative to its own log Bayes factor over the tolerances.
 
     Or a third of that with the simulation as given, times log(1 + its factor / 10), if that is larger.
+
+    Parameters
+    ----------
+    one : EffectScore
+    alternatives : sequence of EffectScore
+    as_given : callable
+        Log Bayes factor of an effect with the simulation as given.
     """
-    as_given = max(0.0, log_bayes_as_given(one))
-    alone = max(0.0, ahead_of(one, alternatives, log_bayes_as_given, log_bayes)) * np.log1p(as_given / _CLEAR)
-    return max(ahead_of(one, alternatives, log_bayes), _ALONE * float(alone))
+    scaled = max(0.0, ahead_of(one, alternatives, as_given, log_bayes)) * np.log1p(max(0.0, as_given(one)) / _CLEAR)
+    return max(ahead_of(one, alternatives, log_bayes), _ALONE * float(scaled))
 
 
 def ahead_of(one: EffectScore, scores: Sequence[EffectScore], evidence: Evidence, *also: Evidence) -> float:
