@@ -43,11 +43,11 @@ def test_a_mismatch_is_as_probable_as_its_best_effect_alone_and_the_names_share_
     assert further_probabilities([]) == pytest.approx([1.0])
 
 
-def scored(with_effect, delivered, kind="atmospheric", input_only=None, unconfirmed_weight=0.0):
+def scored(with_effect, delivered, kind="atmospheric", input_only=None, unconfirmed_weight=0.0, contradiction=0.0):
     """An effect with its log Bayes factors over tolerances, and over the simulation as given."""
     return SimpleNamespace(
         event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
-        input_only=input_only, unconfirmed_weight=unconfirmed_weight,
+        input_only=input_only, unconfirmed_weight=unconfirmed_weight, contradiction=contradiction,
         hypothesis=SimpleNamespace(log_prior=0.0, kind=kind), as_given=delivered,
     )  # fmt: skip
 
@@ -146,6 +146,25 @@ def test_evidence_that_the_response_to_the_inputs_does_not_confirm_does_not_coun
         900.0, 400.0, input_only=scored(-1.0, 2.0), unconfirmed_weight=0.5
     )  # as what takes nearly all on other flights may
     assert (weighing.log_bayes(half), weighing.log_bayes_as_given(half)) == pytest.approx((449.25, 201.5))
+
+
+def test_a_size_that_the_response_to_the_inputs_contradicts_counts_against_an_effect():
+    there = scored(11.0, 8.0)
+    moved_by_gusts = scored(5630.0, 12.0, input_only=there, contradiction=818.0)
+    assert weighing.log_bayes(moved_by_gusts) == 1.5 * (11.0 - 807.0)
+    # A recorded size off by a quarter is not contradicted, nor is one that is as probable there as no effect.
+    assert weighing.log_bayes(scored(5630.0, 12.0, input_only=there, contradiction=0.7)) == 16.5
+    assert weighing.confirmed(8443.0, 426.0) == 8443.0
+    assert weighing.confirmed(50.0, 50.0) == 50.0
+
+
+def test_a_contradiction_is_half_the_squared_distance_beyond_chance():
+    def trial(theta, std):
+        return Trial(0.0, np.zeros(2), np.array(theta), np.diag(np.square(std)), np.zeros(4))
+
+    one, other = trial([6.0, 1.0], [0.3, 3.0]), trial([1.0, -2.0], [0.4, 4.0])
+    assert scoring.contradiction(one, other) == pytest.approx(0.5 * (100.0 + 0.36 - 2.0))
+    assert scoring.contradiction(one, one) == 0.0
 
 
 def test_the_log_bayes_factor_is_against_the_best_other_effect_and_within_one():

@@ -10,9 +10,16 @@ import numpy as np
 from structsel.comparison.driving import input_responses
 from structsel.comparison.flight import AIRFRAME, Flight
 from structsel.diagnosis.problem import DiagnosisProblem
-from structsel.diagnosis.scoring import EffectScore, judged_by, score_all
+from structsel.diagnosis.scoring import EffectScore, contradiction, judged_by, score_all
 from structsel.diagnosis.signatures import Library, Signature, each_spectra
-from structsel.diagnosis.weighing import EVIDENT, bounded, log_bayes, log_bayes_as_given, with_unconfirmed_weight
+from structsel.diagnosis.weighing import (
+    EVIDENT,
+    bounded,
+    confirmed,
+    log_bayes,
+    log_bayes_as_given,
+    with_unconfirmed_weight,
+)
 
 _CLEARLY = 3.0  # log Bayes factor by which another form must be better confirmed, to be judged instead
 _FORMS = 3  # of an effect, on different parts of the aircraft, that are tested
@@ -97,10 +104,13 @@ class InputDrivenMotion:
         made = {}
         for score, tried in asked:
             other = there[score.effect]
-            gains = [bounded(score.trials[k].log_bayes, t.log_bayes) for k, t in zip(tried, other.trials)]
-            best = int(np.argmax(gains))
-            better = gains[best] > max(EVIDENT, gains[list(tried).index(score.best)] + _CLEARLY)
-            made[score.effect] = replace(judged_by(score, tried[best]) if better else score, input_only=other)
+            mine = [score.trials[k] for k in tried]
+            lost = [contradiction(*both) for both in zip(mine, other.trials)]
+            gains = [bounded(one.log_bayes, confirmed(t.log_bayes, x)) for one, t, x in zip(mine, other.trials, lost)]
+            now, best = list(tried).index(score.best), int(np.argmax(gains))
+            if gains[best] > max(EVIDENT, gains[now] + _CLEARLY):
+                score, now = judged_by(score, tried[best]), best
+            made[score.effect] = replace(score, input_only=other, contradiction=lost[now])
         return made
 
     def _again(self, signatures: Sequence[Signature]) -> list[Signature]:

@@ -47,6 +47,8 @@ class EffectScore:
         The form that is judged: the most probable, or the one that replaces tolerances best.
     input_only : EffectScore, optional
         Evidence of that form on the response to the recorded inputs.
+    contradiction : float
+        Log Bayes factor that the latter loses if the size of the effect is the recorded one.
     unconfirmed_weight : float
         Fraction of the evidence that counts although the response to the inputs does not confirm it.
     """
@@ -61,6 +63,7 @@ class EffectScore:
     within: float
     best: int
     input_only: EffectScore | None = None
+    contradiction: float = 0.0
     unconfirmed_weight: float = 0.0
 
     @property
@@ -180,6 +183,13 @@ def _reductions(problem: DiagnosisProblem, trials: Sequence[Trial]) -> Array:
         * fractions
         * np.where(still_off | like_one | (fractions < _COUNTS), 0.0, np.minimum(1.0, fractions / _IN_FULL))
     )
+
+
+def contradiction(one: Trial, other: Trial) -> float:
+    """Half the squared distance of two estimates, in standard deviations of their difference, beyond that by chance."""
+    off = one.theta - other.theta
+    distance = float(off @ np.linalg.solve(one.covariance + other.covariance, off))
+    return 0.5 * max(0.0, distance - len(off))
 
 
 def limited(signature: Signature, trial: Trial) -> float:

@@ -71,7 +71,22 @@ def log_bayes(score: EffectScore) -> float:
     recorded = predictive_log_bayes(score) if score.event else max(predictive_log_bayes(score), score.log_evidence)
     if score.input_only is None:
         return recorded
-    return bounded(recorded, log_bayes(score.input_only), score.unconfirmed_weight)
+    return bounded(recorded, confirmed(log_bayes(score.input_only), score.contradiction), score.unconfirmed_weight)
+
+
+def confirmed(input_only: float, contradiction: float) -> float:
+    """Log Bayes factor on the response to the inputs; lower where it favours no effect over one as large as recorded.
+
+    Turbulence that moves the aircraft gives an effect another size on the recorded motion than it has there.
+
+    Parameters
+    ----------
+    input_only : float
+        Log Bayes factor there.
+    contradiction : float
+        What it loses if the size is the recorded one; see `EffectScore.contradiction`.
+    """
+    return input_only - max(0.0, contradiction - max(0.0, input_only))
 
 
 def bounded(recorded: float, input_only: float, unconfirmed_weight: float = 0.0) -> float:
@@ -94,7 +109,8 @@ def _limited(score: EffectScore, evidence: Evidence) -> float:
     recorded = evidence(score)
     if score.input_only is None:
         return recorded
-    return bounded(recorded, _limited(score.input_only, evidence), score.unconfirmed_weight)
+    there = confirmed(_limited(score.input_only, evidence), score.contradiction)
+    return bounded(recorded, there, score.unconfirmed_weight)
 
 
 def unconfirmed_log_bayes(scores: Sequence[EffectScore]) -> float:
