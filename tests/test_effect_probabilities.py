@@ -27,7 +27,6 @@ from structsel.diagnosis.effect_probability import (
     further_probabilities,
 )
 from structsel.diagnosis.members import Member, mean_gains
-from structsel.diagnosis.scoring import EffectScore
 from structsel.diagnosis.size_evidence import beyond_form, jackknifed
 from structsel.effects.base import EffectParameter
 from structsel.numerics.evidence import Trial
@@ -198,7 +197,7 @@ def test_an_alternative_that_is_as_good_as_given_counts_if_the_tolerances_distin
 def test_what_tolerances_would_still_add_to_an_effect_does_not_count_for_it():
     def alone(exact, free, still_added):
         trial = SimpleNamespace(at_scales=np.array([free, exact]), log_bayes=free)
-        return EffectScore(
+        return scoring.EffectScore(
             SimpleNamespace(name=""), (), (trial,), np.zeros(1), free, np.zeros(2), np.array([still_added]), 0.0, 0
         ).as_given_alone
 

@@ -127,12 +127,12 @@ def score(
     without = without - scipy.special.logsumexp(without, axis=0)
     predictive = scipy.special.logsumexp(without + ahead, axis=0)
     total = float(scipy.special.logsumexp(evidence) - np.log(len(forms)))
-    reduction = _reductions(problem, trials)
-    best = int(np.argmax(evidence + reduction))
-    with_form = problem.base.evidence[:, 0] + np.stack([t.at_scales for t in trials])
+    with_form = np.stack([t.at_scales for t in trials])
+    best = int(np.argmax(evidence + _reductions(problem, with_form)))
+    reached = problem.base.evidence[:, 0] + with_form
     return EffectScore(
         hypothesis, tuple(forms), tuple(trials), log_weights, total, predictive,
-        still_added=with_form.max(axis=1) - with_form[:, -1], within=float(within[best]), best=best,
+        still_added=reached.max(axis=1) - reached[:, -1], within=float(within[best]), best=best,
     )  # fmt: skip
 
 
@@ -160,7 +160,7 @@ def judged_by(score: EffectScore, form: int) -> EffectScore:
     return replace(score, best=form, within=limited(score.signatures[form], score.trials[form]))
 
 
-def _reductions(problem: DiagnosisProblem, trials: Sequence[Trial]) -> Array:
+def _reductions(problem: DiagnosisProblem, with_form: Array) -> Array:
     """Gain by tolerances that each form replaces [log Bayes factor]; zero where that is less than most of it.
 
     One cause with few parameters may replace nearly all of the gain by a hundred tolerances. A simulation that is
@@ -168,10 +168,9 @@ def _reductions(problem: DiagnosisProblem, trials: Sequence[Trial]) -> Array:
     evidence alone does not show this: at their full width, all tolerances together approximate the cause.
     """
     evidence = problem.base.evidence[:, 0]
-    with_form = np.stack([t.at_scales for t in trials])
     gain = float(evidence[0] - evidence[-1])
     if gain <= 0.0:
-        return np.zeros(len(trials))
+        return np.zeros(len(with_form))
     reduction = with_form[:, -1] - with_form[:, 0]
     fractions = np.minimum(1.0, reduction / gain)
     # If tolerances still add much to the effect, parameters do deviate.

@@ -68,10 +68,12 @@ def log_bayes(score: EffectScore) -> float:
     That of an event on all flights counts in part. The factor is limited by that on the response to the inputs,
     unless the effect explains nearly all of the residual.
     """
-    recorded = predictive_log_bayes(score) if score.event else max(predictive_log_bayes(score), score.log_evidence)
-    if score.input_only is None:
-        return recorded
-    return bounded(recorded, confirmed(log_bayes(score.input_only), score.contradiction), score.unconfirmed_weight)
+    return _as_confirmed(score, _recorded)
+
+
+def _recorded(score: EffectScore) -> float:
+    """Log Bayes factor over the tolerances on the recorded motion."""
+    return predictive_log_bayes(score) if score.event else max(predictive_log_bayes(score), score.log_evidence)
 
 
 def confirmed(input_only: float, contradiction: float) -> float:
@@ -96,20 +98,20 @@ def bounded(recorded: float, input_only: float, unconfirmed_weight: float = 0.0)
 
 def log_bayes_as_given(score: EffectScore) -> float:
     """Log Bayes factor of an effect with exact tolerances, limited by that on the response to the inputs."""
-    return _limited(score, lambda one: one.as_given)
+    return _as_confirmed(score, lambda one: one.as_given)
 
 
 def log_bayes_alone(score: EffectScore) -> float:
     """As `log_bayes_as_given`, less what the tolerances would still add; see `EffectScore.as_given_alone`."""
-    return _limited(score, lambda one: one.as_given_alone)
+    return _as_confirmed(score, lambda one: one.as_given_alone)
 
 
-def _limited(score: EffectScore, evidence: Evidence) -> float:
+def _as_confirmed(score: EffectScore, evidence: Evidence) -> float:
     """A log Bayes factor, limited by that on the response to the inputs."""
     recorded = evidence(score)
     if score.input_only is None:
         return recorded
-    there = confirmed(_limited(score.input_only, evidence), score.contradiction)
+    there = confirmed(_as_confirmed(score.input_only, evidence), score.contradiction)
     return bounded(recorded, there, score.unconfirmed_weight)
 
 
