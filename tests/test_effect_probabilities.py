@@ -15,6 +15,7 @@ from proof import calibrate, write_case
 from proof.generate import draw_case
 from proof.worker import open_case
 from structsel.diagnosis import diagnose, judging, scoring, size_evidence, weighing
+from structsel.diagnosis.dispersion import NOISE_ALONE
 from structsel.diagnosis.effect_probability import (
     AGAINST,
     COLOURED,
@@ -47,6 +48,7 @@ def scored(with_effect, delivered, kind="atmospheric", input_only=None, unconfir
     return SimpleNamespace(
         event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
         input_only=input_only, unconfirmed_weight=unconfirmed_weight, contradiction=contradiction,
+        dispersion=NOISE_ALONE,
         hypothesis=SimpleNamespace(log_prior=0.0, kind=kind), as_given=delivered,
     )  # fmt: skip
 
@@ -124,7 +126,7 @@ def test_evidence_that_tolerances_can_absorb_does_not_count_once_something_was_f
         return SimpleNamespace(
             effect=effect, event=event, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
             hypothesis=SimpleNamespace(name=effect, log_prior=0.0), as_given=delivered,
-            input_only=None, unconfirmed_weight=0.0,
+            input_only=None, unconfirmed_weight=0.0, dispersion=NOISE_ALONE,
         )  # fmt: skip
 
     first = SimpleNamespace(accepted=(), found=frozenset())

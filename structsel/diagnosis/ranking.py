@@ -18,7 +18,7 @@ from structsel.diagnosis.result import UNNAMED
 from structsel.diagnosis.scoring import EffectScore, score_all
 from structsel.diagnosis.signatures import Library
 from structsel.diagnosis.switching import refine, with_proposals
-from structsel.diagnosis.weighing import EVIDENT, CandidateEffect, candidate_effects, log_bayes
+from structsel.diagnosis.weighing import EVIDENT, CandidateEffect, candidate_effects, log_bayes, with_dispersion
 from structsel.numerics.arrays import Array
 
 MAX_EFFECTS = 4
@@ -177,7 +177,7 @@ def search_effects(
     if moved:
         problem = problem.with_noise_without(moved, library.signatures)
         scores = _scored(problem, library)
-    scores = motion.confirm(problem, scores)
+    scores = with_dispersion(problem, motion.confirm(problem, scores))
     return scores, candidate_effects(problem, scores)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from structsel.diagnosis.dispersion import NOISE_ALONE, Dispersion
 from structsel.diagnosis.problem import DiagnosisProblem
 from structsel.diagnosis.signatures import Library, Signature
 from structsel.effects.base import Effect
@@ -51,6 +52,8 @@ class EffectScore:
         Log Bayes factor that the latter loses if the size of the effect is the recorded one.
     unconfirmed_weight : float
         Fraction of the evidence that counts although the response to the inputs does not confirm it.
+    dispersion : Dispersion
+        Residual where the form that is judged acts.
     """
 
     hypothesis: Effect
@@ -65,6 +68,7 @@ class EffectScore:
     input_only: EffectScore | None = None
     contradiction: float = 0.0
     unconfirmed_weight: float = 0.0
+    dispersion: Dispersion = NOISE_ALONE
 
     @property
     def effect(self) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from structsel.diagnosis import judging
+from structsel.diagnosis.dispersion import Dispersion
 from structsel.diagnosis.effect_probability import AGREED, FEATURES, EffectEvidence
 from structsel.diagnosis.explained import SLIGHT, Taken, explained_fraction
 from structsel.diagnosis.problem import DiagnosisProblem
@@ -65,14 +66,20 @@ def predictive_log_bayes(score: EffectScore) -> float:
 def log_bayes(score: EffectScore) -> float:
     """Log Bayes factor of an effect over the tolerances, on held-out flights or on all flights.
 
-    That of an event on all flights counts in part. The factor is limited by that on the response to the inputs,
-    unless the effect explains nearly all of the residual.
+    That of an event on all flights counts in part. It is lower where the residual is larger than the noise, see
+    `Dispersion`, and limited by the factor on the response to the inputs, unless the effect explains nearly all of the
+    residual.
     """
-    return _as_confirmed(score, _recorded)
+    return _as_confirmed(score, _dispersed)
+
+
+def _dispersed(score: EffectScore) -> float:
+    """Log Bayes factor over the tolerances on the recorded motion, by the residual where the effect acts."""
+    return score.dispersion.reduced(_recorded(score))
 
 
 def _recorded(score: EffectScore) -> float:
-    """Log Bayes factor over the tolerances on the recorded motion."""
+    """Log Bayes factor over the tolerances on the recorded motion, by the estimated noise."""
     return predictive_log_bayes(score) if score.event else max(predictive_log_bayes(score), score.log_evidence)
 
 
@@ -117,7 +124,20 @@ def _as_confirmed(score: EffectScore, evidence: Evidence) -> float:
 
 def unconfirmed_log_bayes(scores: Sequence[EffectScore]) -> float:
     """Largest part of a log Bayes factor that the response to the inputs does not confirm."""
-    return max((log_bayes(replace(s, input_only=None)) - max(0.0, log_bayes(s)) for s in scores), default=0.0)
+    return max((_recorded(s) - max(0.0, _as_confirmed(s, _recorded)) for s in scores), default=0.0)
+
+
+def with_dispersion(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[EffectScore]:
+    """Scores with the dispersion of the evident effects; not of plants, whose noise is all that nothing explains."""
+    if problem.is_plant:
+        return list(scores)
+
+    def known(score: EffectScore) -> EffectScore:
+        if max(log_bayes(score), log_bayes_as_given(score)) < EVIDENT:
+            return score
+        return replace(score, dispersion=Dispersion.of(problem, score.signature))
+
+    return [known(s) for s in scores]
 
 
 def with_unconfirmed_weight(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[EffectScore]:
