@@ -30,7 +30,9 @@ def test_an_effect_in_several_places_is_one_hypothesis(monkeypatch):
         monkeypatch.setattr(ranking, "first_probabilities", lambda those, _: further_probabilities(those))
         monkeypatch.setattr(ranking, "white_fraction", lambda _: 0.0)
         plant = SimpleNamespace(channels={})
-        problem = SimpleNamespace(accepted=(), flights=(plant,), nuisances=(), with_effects=lambda *_: problem)
+        problem = SimpleNamespace(
+            accepted=(), flights=(plant,), nuisances=(), is_plant=True, with_effects=lambda *_: problem
+        )
         return len(rank(problem, Library((), {})).steps)
 
     assert taken("abcde") == 4
