@@ -1,12 +1,9 @@
 """The residual where an effect acts, against the heteroscedasticity-consistent variance of statsmodels."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 import statsmodels.api as sm
 
-from structsel.diagnosis import weighing
 from structsel.diagnosis.dispersion import NOISE_ALONE, Dispersion
 
 
@@ -55,19 +52,3 @@ def test_a_residual_below_the_noise_adds_no_evidence(found):
 
 def test_evidence_against_an_effect_stays():
     assert Dispersion(9.0, 40.0).reduced(-3.0) == -3.0
-
-
-def test_the_response_to_the_inputs_limits_what_the_residual_leaves():
-    def score(dispersion, input_only=None):
-        return SimpleNamespace(
-            event=False, predictive=np.array([90.0]), within=0.0, log_evidence=100.0, input_only=input_only,
-            unconfirmed_weight=0.0, contradiction=0.0, hypothesis=SimpleNamespace(log_prior=0.0), dispersion=dispersion,
-        )  # fmt: skip
-
-    four = Dispersion(4.0, 200.0)
-    assert weighing.log_bayes(score(NOISE_ALONE)) == 100.0
-    assert weighing.log_bayes(score(four)) == pytest.approx(25.0)
-    there = score(NOISE_ALONE)
-    there.predictive, there.log_evidence = np.array([10.0]), 10.0
-    assert weighing.log_bayes(score(four, there)) == pytest.approx(15.0)
-    assert weighing.unconfirmed_log_bayes([score(four, there)]) == pytest.approx(85.0)  # of the factors as they were

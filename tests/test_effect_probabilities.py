@@ -15,7 +15,7 @@ from proof import calibrate, write_case
 from proof.generate import draw_case
 from proof.worker import open_case
 from structsel.diagnosis import diagnose, judging, scoring, size_evidence, weighing
-from structsel.diagnosis.dispersion import NOISE_ALONE
+from structsel.diagnosis.dispersion import NOISE_ALONE, Dispersion
 from structsel.diagnosis.effect_probability import (
     AGAINST,
     COLOURED,
@@ -43,12 +43,15 @@ def test_a_mismatch_is_as_probable_as_its_best_effect_alone_and_the_names_share_
     assert further_probabilities([]) == pytest.approx([1.0])
 
 
-def scored(with_effect, delivered, kind="atmospheric", input_only=None, unconfirmed_weight=0.0, contradiction=0.0):
+def scored(
+    with_effect, delivered, kind="atmospheric", input_only=None, unconfirmed_weight=0.0, contradiction=0.0,
+    dispersion=NOISE_ALONE,
+):  # fmt: skip
     """An effect with its log Bayes factors over tolerances, and over the simulation as given."""
     return SimpleNamespace(
         event=False, predictive=np.array([with_effect]), within=0.0, log_evidence=with_effect,
         input_only=input_only, unconfirmed_weight=unconfirmed_weight, contradiction=contradiction,
-        dispersion=NOISE_ALONE,
+        dispersion=dispersion,
         hypothesis=SimpleNamespace(log_prior=0.0, kind=kind), as_given=delivered,
     )  # fmt: skip
 
@@ -157,6 +160,15 @@ def test_a_size_that_the_response_to_the_inputs_contradicts_counts_against_an_ef
     assert weighing.log_bayes(scored(5630.0, 12.0, input_only=there, contradiction=0.7)) == 16.5
     assert weighing.confirmed(8443.0, 426.0) == 8443.0
     assert weighing.confirmed(50.0, 50.0) == 50.0
+
+
+def test_the_response_to_the_inputs_limits_what_the_residual_leaves():
+    four, there = Dispersion(4.0, 200.0), scored(10.0, 0.0)
+    assert weighing.log_bayes(scored(100.0, 0.0)) == 100.0
+    assert weighing.log_bayes(scored(100.0, 0.0, dispersion=four)) == pytest.approx(25.0)
+    limited = scored(100.0, 0.0, input_only=there, dispersion=four)
+    assert weighing.log_bayes(limited) == pytest.approx(15.0)
+    assert weighing.unconfirmed_log_bayes([limited]) == pytest.approx(85.0)  # of the factors as they were
 
 
 def test_a_contradiction_is_half_the_squared_distance_beyond_chance():

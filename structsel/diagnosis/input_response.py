@@ -17,7 +17,7 @@ from structsel.diagnosis.weighing import (
     bounded,
     confirmed,
     log_bayes,
-    log_bayes_as_given,
+    shows,
     with_unconfirmed_weight,
 )
 
@@ -68,7 +68,7 @@ class InputDrivenMotion:
         scores : sequence of EffectScore
             Of all effects.
         """
-        asked = [s for s in scores if max(log_bayes(s), log_bayes_as_given(s)) >= EVIDENT and self._can_tell(s)]
+        asked = [s for s in scores if shows(s) and self._can_tell(s)]
         if not asked:
             return list(scores)
         made = self._confirmed(problem, [(s, _likely(s)) for s in asked])

@@ -127,17 +127,17 @@ def unconfirmed_log_bayes(scores: Sequence[EffectScore]) -> float:
     return max((_recorded(s) - max(0.0, _as_confirmed(s, _recorded)) for s in scores), default=0.0)
 
 
+def shows(score: EffectScore) -> bool:
+    """Whether an effect has enough evidence to be examined, with free tolerances or with exact ones."""
+    return max(log_bayes(score), log_bayes_as_given(score)) >= EVIDENT
+
+
 def with_dispersion(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[EffectScore]:
     """Scores with the dispersion of the evident effects; not of plants, whose noise is all that nothing explains."""
     if problem.is_plant:
         return list(scores)
 
-    def known(score: EffectScore) -> EffectScore:
-        if max(log_bayes(score), log_bayes_as_given(score)) < EVIDENT:
-            return score
-        return replace(score, dispersion=Dispersion.of(problem, score.signature))
-
-    return [known(s) for s in scores]
+    return [replace(s, dispersion=Dispersion.of(problem, s.signature)) if shows(s) else s for s in scores]
 
 
 def with_unconfirmed_weight(problem: DiagnosisProblem, scores: Sequence[EffectScore]) -> list[EffectScore]:
